@@ -56,7 +56,10 @@ COUNTS = "posed", "unique", "instances", "instanced", "rigs", "images"
 # divided
 HELD_OUT = (3, 8, 1), (6, 3, 0)
 HELD_OUT_AGENTS = {"CYCLES": (300, 5000), "EEVEE": (50, 150)}
-PER_SAMPLE = {"CYCLES": "traced", "EEVEE": "drawn"}  # the count that grows with the samples
+PER_SAMPLE = {
+    "CYCLES": "traced",
+    "EEVEE": "drawn_triangles",
+}  # the count that grows with the samples
 
 
 def main() -> None:
@@ -169,7 +172,7 @@ def measured(
                 levels = {
                     "samples": samples,
                     "rays": rays,
-                    "drawn": row["instanced"] * samples,
+                    "drawn_triangles": row["instanced"] * samples,
                     "traced": Work(rays=rays, unique=row["unique"]).traced,
                     "file_mb": round(row["file_mb"] - empty["file_mb"], 2),
                 }

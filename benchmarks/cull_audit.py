@@ -25,7 +25,7 @@ def main(pairs: int) -> None:
         started = time.perf_counter()
         v = audit(lens, -(-pairs // len(LENSES)))
         seconds = time.perf_counter() - started
-        surplus = 100 * v.surplus / v.kept
+        surplus = 100 * v.surplus / v.survivors
         beside = 100 * v.beside / v.visible
         print(
             f"{lens:16} {v.pairs:9,} {v.visible:9,} {v.missed:6} {surplus:9.4f} {beside:9.3f} "

@@ -45,7 +45,7 @@ class Alternative:
         the camera.
     seconds: of the engine, for one more agent.
     mesh_seconds: of the engine, once a frame for all agents that show the same mesh.
-    others: agents of its group that are seen with this LOD, itself not counted.
+    companions: agents of its group that are seen with this LOD, itself not counted.
     """
 
     level: int
@@ -54,7 +54,7 @@ class Alternative:
     pixels: float | None
     seconds: float | None
     mesh_seconds: float | None
-    others: int
+    companions: int
 
 
 @dataclass(frozen=True)
@@ -169,7 +169,7 @@ class Explanation:
                 "-" if seconds is None else f"{seconds:.2e}"
                 for seconds in (alternative.seconds, alternative.mesh_seconds)
             ),
-            f"{alternative.others:,}",
+            f"{alternative.companions:,}",
         )
 
 
@@ -282,7 +282,7 @@ def _alternative(
         if triangles is None
         else costs.seconds["instances"] + costs.seconds.get("instanced", 0.0) * triangles,
         mesh_seconds=None if triangles is None else costs.seconds["unique"] * triangles,
-        others=same - (about.visible and about.level == level),
+        companions=same - (about.visible and about.level == level),
     )
 
 

@@ -35,7 +35,7 @@ class Work:
     rigs: armatures of the characters.
     bones: bones of these armatures.
     rays: samples of the pixels that agents cover.
-    drawn: triangles of all instances, counted once for each sample of a pixel. Only what renders
+    drawn_triangles: triangles of all instances, counted once for each sample of a pixel. Only what renders
         are fitted to has it: see Costs.with_samples.
     images, image_count: bytes, and number, of the images that the characters' materials use.
     keys: keys of the actions of the build's rigs.
@@ -55,7 +55,7 @@ class Work:
     rigs: float = 0.0
     bones: float = 0.0
     rays: np.ndarray | float = 0.0
-    drawn: np.ndarray | float = 0.0
+    drawn_triangles: np.ndarray | float = 0.0
     images: float = 0.0
     image_count: float = 0.0
     keys: float = 0.0
@@ -121,7 +121,7 @@ SECONDS = {
         "unique": 2.85e-6,
         "instances": 4.58e-3,
         "instanced": 4.09e-6,
-        "drawn": 1.98e-6,
+        "drawn_triangles": 1.98e-6,
         "images": 1.1e-8,
     },
 }
@@ -161,9 +161,9 @@ class Costs:
         What EEVEE draws once for each sample is counted to the triangles of instances.
         """
         seconds = dict(self.seconds)
-        drawn = seconds.pop("drawn", 0.0)
-        if drawn:
-            seconds["instanced"] += samples * drawn
+        drawn_triangles = seconds.pop("drawn_triangles", 0.0)
+        if drawn_triangles:
+            seconds["instanced"] += samples * drawn_triangles
         return replace(self, seconds=seconds)
 
 
@@ -309,14 +309,14 @@ def work_of(
     )
 
 
-def _moving(actors: Actors, held: np.ndarray, counts: np.ndarray | float) -> float:
+def _moving(actors: Actors, is_held: np.ndarray, counts: np.ndarray | float) -> float:
     """Return how many of something a build has that moves characters.
 
     held: (K, N) bool, the LODs of characters that it has.
     counts: (G,), of one character of each group.
     """
-    moved_as = np.arange(held.shape[1]) if actors.moved_as is None else actors.moved_as
+    moved_as = np.arange(is_held.shape[1]) if actors.moved_as is None else actors.moved_as
     of_group = np.broadcast_to(counts, len(actors.triangles))
-    moving = np.zeros(held.shape[1])
-    np.maximum.at(moving, moved_as, held.any(axis=0) * of_group[actors.group])
+    moving = np.zeros(is_held.shape[1])
+    np.maximum.at(moving, moved_as, is_held.any(axis=0) * of_group[actors.group])
     return float(moving.sum())

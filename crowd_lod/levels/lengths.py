@@ -45,14 +45,18 @@ def allowed_lengths(
     return [_rounded_down(length) for length in np.geomspace(low, high, count)]
 
 
-def in_gaps(lengths: Sequence[float], given: Sequence[float]) -> list[float]:
+def in_gaps(lengths: Sequence[float], given_lengths: Sequence[float]) -> list[float]:
     """Return those `lengths`, meters, that lie farthest from deviations of LODs that are given.
 
     With these they are at most MOST_LENGTHS.
     """
     left = sorted(lengths)
-    away = {length: min(abs(np.log(length / other)) for other in given) for length in left if given}
-    while len(left) + len(given) > MOST_LENGTHS:
+    away = {
+        length: min(abs(np.log(length / other)) for other in given_lengths)
+        for length in left
+        if given_lengths
+    }
+    while len(left) + len(given_lengths) > MOST_LENGTHS:
         left.remove(min(left, key=lambda length: away[length]))
     return left
 

@@ -21,14 +21,14 @@ class Entry:
 
     part: the folder's name.
     title: of the step.
-    made: when, as text.
+    date: when it was made, as text.
     file, scene: for which .blend file ("" if it was not saved) and scene.
     verdict: what the step found, in a line.
     """
 
     part: str
     title: str
-    made: str
+    date: str
     file: str
     scene: str
     verdict: str = ""
@@ -43,7 +43,7 @@ def add_to_index(folder: Path, entry: Entry) -> None:
     CrowdError if the folder cannot be written.
     """
     entries = {noted.part: noted for noted in read_index(folder)} | {entry.part: entry}
-    ordered = sorted(entries.values(), key=lambda noted: noted.made, reverse=True)
+    ordered = sorted(entries.values(), key=lambda noted: noted.date, reverse=True)
     with files.staged(folder, NAME, ENTRIES) as hidden:
         (hidden / ENTRIES).write_text(
             json.dumps([asdict(noted) for noted in ordered], indent=1), encoding="utf-8"
@@ -68,7 +68,7 @@ def index_page(folder: Path, entries: Sequence[Entry]) -> str:
     rows = [
         [
             escape(entry.title),
-            escape(entry.made),
+            escape(entry.date),
             escape(entry.file or "not saved"),
             escape(entry.scene),
             _links(folder, entry.part),
@@ -103,7 +103,7 @@ def _section(folder: Path, entry: Entry) -> str:
     ]
     return (
         f'<section><h3>{title}</h3><p class="verdict">{escape(entry.verdict)}</p>'
-        f"<p>{escape(entry.made)}</p>{''.join(images)}</section>"
+        f"<p>{escape(entry.date)}</p>{''.join(images)}</section>"
     )
 
 

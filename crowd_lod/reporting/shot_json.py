@@ -29,7 +29,7 @@ def shot_facts(
     """
     plan = report.plan
     shot = report.shot
-    sentences = unneeded(shot, plan.bill.shown, report.names)
+    sentences = unneeded(shot, plan.bill.agents_shown, report.names)
     return {
         "preview": None,
         "left_out": [

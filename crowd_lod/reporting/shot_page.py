@@ -55,7 +55,7 @@ def shot_parts(report: ShotReport) -> list[str]:
         _worst(report),
         list_of(
             "What the shot does not need",
-            unneeded(report.shot, report.plan.bill.shown, report.names),
+            unneeded(report.shot, report.plan.bill.agents_shown, report.names),
         ),
         "<h2>Tables</h2>",
         _switch_table(report),
@@ -108,7 +108,7 @@ def _frame_table(report: ShotReport) -> str:
     ]
     columns = [
         report.numbers,
-        survey.seen.sum(axis=1),
+        survey.is_seen.sum(axis=1),
         (survey.kind == CULLED).sum(axis=1),
         *bill.counts.T,
     ]

@@ -91,7 +91,7 @@ def plots_of(report: ShotReport) -> list[str]:
     meshes = shot.meshes
     at = svg.edges(report.numbers)
     lods = list(enumerate(report.colors[: meshes.count]))
-    triangles = (bill.shown * meshes.triangles.T[:, survey.owner]).sum(axis=2)
+    triangles = (bill.agents_shown * meshes.triangles.T[:, survey.owner]).sum(axis=2)
     kinds = [
         (survey.kind == kind).sum(axis=1) / max(len(survey.group), 1) * 100
         for kind in (SEEN, SHADOW, MIRRORED, CULLED)

@@ -157,7 +157,7 @@ def warnings_of(report: ShotReport) -> list[str]:
         sentences.append(
             "The plan avoids no switch: raise Extra Cost for Fewer Pops, or the tolerance."
         )
-    empty = ~survey.seen.any(axis=1)
+    empty = ~survey.is_seen.any(axis=1)
     if empty.any():
         sentences.append(f"No character is seen in {_frames(survey.numbers[empty])}.")
     if (np.diff(survey.numbers) > 1).any():

@@ -133,7 +133,7 @@ def decide_within(
     levels = plan.levels
     best_bill = plan.bill
     weight = plan.weight
-    if not limits.hold(shot, best_bill.shown):
+    if not limits.hold(shot, best_bill.agents_shown):
         tolerance = yield from share(_least_tolerance(shot, limits), 0.1, 0.2)
         wide = relaxed(shot, tolerance)
         if tolerance:
@@ -189,7 +189,7 @@ def _least_tolerance(shot: Shot, limits: _Limits) -> Generator[float, None, floa
 
     if fits(0.0):
         return 0.0
-    scale = shot.survey.scale[shot.survey.seen].astype(np.float64)
+    scale = shot.survey.scale[shot.survey.is_seen].astype(np.float64)
     bounds = shot.meshes.bounds
     low = float(scale.min() * bounds[bounds > 0].min(initial=inf))
     high = float(scale.max() * bounds.max())
@@ -234,7 +234,7 @@ class _Search:
         shot = self.shot
         limits = self.limits
         coarsest = self.keep(shot.coarsest)
-        banned = BANNED * ((coarsest.shown == 0) & (limits.memory < inf))
+        banned = BANNED * ((coarsest.agents_shown == 0) & (limits.memory < inf))
         fixed, least, table = floor(shot)
         dual, prices = yield from share(
             self.descend(table + banned, np.zeros((len(table), len(limits.most)))), 0.0, 0.6
@@ -270,7 +270,9 @@ class _Search:
             cost -= fsum((prices * limits.most).flat)
             over = limits.loads(shown_by(shot, levels)) - limits.most
             found = self.keep(self.repaired(levels, table, over))
-            paid = min(paid, float((found.shown * table).sum()) + self.weight * found.noticed)
+            paid = min(
+                paid, float((found.agents_shown * table).sum()) + self.weight * found.noticed
+            )
             stale = 0 if cost > dual else stale + 1
             if cost > dual:
                 dual = cost
@@ -292,7 +294,7 @@ class _Search:
         """
         plan_bill = bill(self.shot, levels)
         paid = objective(plan_bill, self.weight)
-        if paid < self.paid and self.limits.hold(self.shot, plan_bill.shown):
+        if paid < self.paid and self.limits.hold(self.shot, plan_bill.agents_shown):
             self.paid = paid
             self.solution = (levels, plan_bill)
         return plan_bill

@@ -85,10 +85,10 @@ def budget_sentence(points: Sequence[BudgetPoint], budget: Budget) -> str:
     least = points[-1]
     exceeded = _exceeded(least, budget)
     first = next(p for p in points if all(getattr(p, n) <= getattr(least, n) for n in exceeded))
-    named = " and ".join(
+    limit_names = " and ".join(
         f"{LIMITED[name][0]} from {LIMITED[name][1](getattr(least, name))} on" for name in exceeded
     )
     return (
-        f"Impossible. Possible is {named} ({number(first.pixels)} px). For less raise Tolerance "
+        f"Impossible. Possible is {limit_names} ({number(first.pixels)} px). For less raise Tolerance "
         f"and press Make LOD Meshes: it makes coarser LODs."
     )

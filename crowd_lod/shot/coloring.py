@@ -253,7 +253,7 @@ def _nearest_agents(survey: Survey, finest: int) -> np.ndarray:
     """Return which agents need LOD `finest` or a finer one when they are seen, (n,) bool."""
     near = np.zeros(len(survey.group), bool)
     for f, levels in enumerate(survey.coarsest):
-        near |= survey.seen[f] & (levels <= finest)
+        near |= survey.is_seen[f] & (levels <= finest)
     return near
 
 
@@ -264,7 +264,7 @@ def _moved_to_few(survey: Survey, phases: Phases, near: np.ndarray) -> Phases:
     """
     assert survey.roles is not None
     (agents,) = np.nonzero(near)
-    character = survey.character[survey.seen[:, agents].argmax(axis=0), agents]
+    character = survey.character[survey.is_seen[:, agents].argmax(axis=0), agents]
     block = survey.roles.block[character]
     (rigged,) = np.nonzero(block >= 0)
     agents = agents[rigged]

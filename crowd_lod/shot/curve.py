@@ -97,8 +97,8 @@ def of_full_detail(shot: Shot, plan_bill: Bill) -> tuple[float, float, float]:
     """Return the parts that a plan takes of (seconds, triangles, memory) of the same agents at
     LOD 0.
     """
-    agents = np.zeros_like(plan_bill.shown)
-    agents[:, 0] = plan_bill.shown.sum(axis=1)
+    agents = np.zeros_like(plan_bill.agents_shown)
+    agents[:, 0] = plan_bill.agents_shown.sum(axis=1)
     part = plan_bill.price.share(price(work_in(shot, agents), shot.costs))
     triangles = float((agents[:, 0] * shot.meshes.triangles[shot.survey.owner, 0]).sum())
     return (

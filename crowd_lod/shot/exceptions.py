@@ -27,7 +27,7 @@ class Exemption:
 
     kind: NEVER_COARSER than the LOD `level`, ALWAYS that LOD, or HIDE.
     agents: (m,) intp, their indices.
-    chosen: how they were chosen, in words.
+    selection: how they were chosen, in words.
     first, last: the frames of the timeline for which it holds, both included; None for no limit.
     """
 
@@ -35,7 +35,7 @@ class Exemption:
     kind: str
     level: int
     agents: np.ndarray
-    chosen: str = ""
+    selection: str = ""
     first: int | None = None
     last: int | None = None
 
@@ -52,7 +52,7 @@ class Exemption:
             "name": self.name,
             "kind": self.kind,
             "lod": None if self.kind == HIDE else self.level,
-            "chosen": self.chosen,
+            "chosen": self.selection,
             "agents": len(self.agents),
             "first": self.first,
             "last": self.last,

@@ -282,7 +282,7 @@ def solved(
     their whole price.
     """
     unique = mesh_seconds(shot, thresholds)
-    shares = unique / np.maximum(thresholds.shown.sum(axis=1), 1)[:, None, :]
+    shares = unique / np.maximum(thresholds.agents_shown.sum(axis=1), 1)[:, None, :]
     levels, shared = yield from share(decided(shot, _table(shot, shares), weight), 0.0, 0.5)
     if not _matter(shot, thresholds):
         return levels, shared if "traced" not in shot.costs.seconds else None
@@ -302,14 +302,14 @@ def shared_table(shot: Shot, thresholds: Bill, plan_bill: Bill) -> np.ndarray | 
     if not _matter(shot, thresholds):
         return None
     unique = mesh_seconds(shot, thresholds)
-    shares = unique / np.maximum(thresholds.shown.sum(axis=1), 1)[:, None, :]
-    return _table(shot, np.where(plan_bill.shown > 0, NEARLY * shares, unique))
+    shares = unique / np.maximum(thresholds.agents_shown.sum(axis=1), 1)[:, None, :]
+    return _table(shot, np.where(plan_bill.agents_shown > 0, NEARLY * shares, unique))
 
 
 def _matter(shot: Shot, thresholds: Bill) -> bool:
     """Return whether meshes cost so much, beside instances, that agents should share them."""
-    meshes = (mesh_seconds(shot, thresholds) * (thresholds.shown > 0)).sum()
-    return bool(meshes >= MATTERS * (shot.instance * thresholds.shown).sum())
+    meshes = (mesh_seconds(shot, thresholds) * (thresholds.agents_shown > 0)).sum()
+    return bool(meshes >= MATTERS * (shot.instance * thresholds.agents_shown).sum())
 
 
 def mesh_seconds(shot: Shot, thresholds: Bill) -> np.ndarray:
@@ -318,7 +318,7 @@ def mesh_seconds(shot: Shot, thresholds: Bill) -> np.ndarray:
     Also those of rays, which cost more among more triangles.
     """
     seconds = shot.costs.seconds
-    work = work_in(shot, thresholds.shown)
+    work = work_in(shot, thresholds.agents_shown)
     rays = (
         seconds.get("traced", 0.0) * shot.survey.rays / (np.log(2) * np.maximum(work.unique, 1.0))
     )

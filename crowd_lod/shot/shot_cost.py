@@ -93,7 +93,7 @@ class Shot:
         """
         survey = self.survey
         bounds = self.meshes.bounds
-        coarsest = np.where(survey.seen, survey.coarsest, UNSEEN).astype(np.uint8)
+        coarsest = np.where(survey.is_seen, survey.coarsest, UNSEEN).astype(np.uint8)
         for f in range(1, len(coarsest)):
             agents = np.flatnonzero(
                 survey.joined(f) & (survey.coarsest[f - 1] > survey.coarsest[f])
@@ -122,7 +122,7 @@ class Shot:
         """Return `levels` (F, n); where an agent is not seen, the LOD with which it is seen next,
         or 0.
         """
-        all_levels = np.where(self.survey.seen, levels, UNSEEN)
+        all_levels = np.where(self.survey.is_seen, levels, UNSEEN)
         all_levels[-1][all_levels[-1] == UNSEEN] = 0
         for f in range(len(all_levels) - 2, -1, -1):
             np.copyto(all_levels[f], all_levels[f + 1], where=all_levels[f] == UNSEEN)
@@ -139,7 +139,7 @@ class Bill:
     pixels: (F,), the sum of the pixels by which those change the picture at most.
     most: the most pixels of one switch.
     error: the most pixels by which a LOD deviates.
-    shown: (F, K, L), agents of each frame that show each LOD of each character.
+    agents_shown: (F, K, L), agents of each frame that show each LOD of each character.
     price: of a bake of this shot, in the engine.
     instanced: seconds a frame of instances.
     """
@@ -151,7 +151,7 @@ class Bill:
     pixels: np.ndarray
     most: float
     error: float
-    shown: np.ndarray
+    agents_shown: np.ndarray
     price: Price
     instanced: float
 
@@ -203,7 +203,7 @@ def bill(shot: Shot, levels: np.ndarray) -> Bill:
         pixels=np.array(pixels),
         most=max(most),
         error=max(error),
-        shown=agents_shown,
+        agents_shown=agents_shown,
         price=price(work_in(shot, agents_shown), shot.costs),
         instanced=float((agents_shown * shot.instance).sum()) / frames,
     )

@@ -85,7 +85,7 @@ class Survey:
     limit: np.ndarray | None = None
 
     @property
-    def seen(self) -> np.ndarray:
+    def is_seen(self) -> np.ndarray:
         """(F, n) bool."""
         return self.kind == SEEN
 

@@ -35,9 +35,9 @@ class Verdict:
 
     pairs: of camera and agent. All other counts are of these pairs.
     visible: truly visible, by exact planes.
-    kept: by the culling.
-    missed: visible and not kept.
-    surplus: kept and not visible.
+    survivors: agents that the culling left.
+    missed: visible and culled.
+    surplus: left and not visible.
     grazing: part of the surplus, within roundings of a plane.
     beside: visible by the planes, but the sphere misses the frustum's body at an edge or corner.
     doubtful: pairs that only exact arithmetic could decide, not float64.
@@ -47,7 +47,7 @@ class Verdict:
 
     pairs: int = 0
     visible: int = 0
-    kept: int = 0
+    survivors: int = 0
     missed: int = 0
     surplus: int = 0
     grazing: int = 0
@@ -99,7 +99,7 @@ def judge_culling(
     return Verdict(
         pairs=len(points),
         visible=int(truly.sum()),
-        kept=int(visible.sum()),
+        survivors=int(visible.sum()),
         missed=int((truly & ~visible).sum()),
         surplus=int((visible & ~truly).sum()),
         grazing=int((visible & ~truly & doubtful).sum()),

@@ -190,7 +190,7 @@ def _lost(seed: int) -> Row:
     spent = 1000 * (clock.perf_counter() - started)
     placed = np.delete(np.arange(len(points)), lost_agents)
     verdict = judge_culling(camera, points[placed], radius, group[placed])
-    return Row("NaN and infinity", replace(verdict, kept=int(visible.sum())), spent, note)
+    return Row("NaN and infinity", replace(verdict, survivors=int(visible.sum())), spent, note)
 
 
 def table_text(rows: list[Row]) -> str:
@@ -202,7 +202,7 @@ def table_text(rows: list[Row]) -> str:
         "case",
         "agents",
         "visible",
-        "kept",
+        "survivors",
         "missed",
         "surplus",
         "grazing",
@@ -214,7 +214,7 @@ def table_text(rows: list[Row]) -> str:
         v = row.verdict
         counts = (
             f"{n:,}"
-            for n in (v.pairs, v.visible, v.kept, v.missed, v.surplus - v.grazing, v.grazing)
+            for n in (v.pairs, v.visible, v.survivors, v.missed, v.surplus - v.grazing, v.grazing)
         )
         lines.append((row.name, *counts, f"{v.depth_error:.2f}", f"{row.milliseconds:.1f}"))
     return "\n".join(aligned(head, lines))

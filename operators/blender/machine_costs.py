@@ -32,7 +32,7 @@ class Calibration:
     blender: its version.
     engine: one of cost_model.NAMES.
     seconds: as of Costs.
-    made: when, ISO 8601 in UTC.
+    date: when it was made, ISO 8601 in UTC.
     off: root mean square of the relative errors of the renders.
     renders: how many.
     """
@@ -42,20 +42,20 @@ class Calibration:
     blender: str
     engine: str
     seconds: dict[str, float]
-    made: str
+    date: str
     off: float
     renders: int
 
     @property
     def age(self) -> str:
         """How long ago it was made, in words."""
-        days = (datetime.now(UTC) - datetime.fromisoformat(self.made)).days
+        days = (datetime.now(UTC) - datetime.fromisoformat(self.date)).days
         return f"{counted(days, 'day')} old" if days > 0 else "less than a day old"
 
     @property
     def costs(self) -> Costs:
         """The costs; their basis has no age, so that two runs say the same."""
-        basis = f"this machine ({self.device}), calibrated on {self.made[:10]}"
+        basis = f"this machine ({self.device}), calibrated on {self.date[:10]}"
         return Costs(self.engine, self.seconds, basis)
 
 

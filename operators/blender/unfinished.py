@@ -46,14 +46,14 @@ def note(scene: bpy.types.Scene, before: tuple[int, int]) -> None:
     if now == before and [now, *_settings] == _listed:
         return
     _listed[:] = [now, *_settings]
-    named = []
+    block_names = []
     since = max(before[0], *_kept, 0)
     for kind, blocks in _collections():
         for block in blocks:
             if block.session_uid > since or block.session_uid in _made:
                 _made.add(block.session_uid)
-                named.append((kind, block.name))
-    scene[UNFINISHED] = json.dumps([named, _settings])
+                block_names.append((kind, block.name))
+    scene[UNFINISHED] = json.dumps([block_names, _settings])
 
 
 def keep(scene: bpy.types.Scene) -> None:
@@ -99,14 +99,14 @@ def clear(*_) -> None:
     """Remove what the file holds of unfinished steps (undo_post, redo_post, load_post handler)."""
     for scene in [scene for scene in bpy.data.scenes if UNFINISHED in scene]:
         with suppress(TypeError, ValueError):  # a script may have put anything there
-            made, settings = json.loads(scene[UNFINISHED])
+            block_names, settings = json.loads(scene[UNFINISHED])
             for name, path, values in settings:
                 block = _block(*name)
                 if block is not None:
                     owner = block.path_resolve(path) if path else block
                     for key, value in values.items():
                         setattr(owner, key, value)
-            bpy.data.batch_remove(list(filter(None, (_block(*name) for name in made))))
+            bpy.data.batch_remove(list(filter(None, (_block(*name) for name in block_names))))
         del scene[UNFINISHED]
 
 

@@ -36,7 +36,7 @@ class Character(NamedTuple):
     origin: tuple[float, float, float]
     variant_of: str
     chance: float
-    given: tuple[GivenLod, ...] = ()
+    given_lods: tuple[GivenLod, ...] = ()
 
 
 def characters_of(

@@ -36,13 +36,13 @@ def update_file(args, command: list[str]) -> dict:
         raise CrowdError("The open file has no place yet: save it, or give a .blend file.")
     path = blend_path(Path(bpy.data.filepath))
     steps = update_all(scene, bakes=args.bake)
-    done = finish(steps, f"update of {stem_of(args)}", args.quiet)
+    sentences = finish(steps, f"update of {stem_of(args)}", args.quiet)
     out = printable(path)
-    if done:
+    if sentences:
         with files.staged_file(path) as part:
             save(part, path, compress=_is_compressed(path))
-    summary = f"{counted(len(done), 'step')} done. {update_sentence(scene, done)}\n{out}"
-    return {"out": out, "done": done, "summary": summary}
+    summary = f"{counted(len(sentences), 'step')} done. {update_sentence(scene, sentences)}\n{out}"
+    return {"out": out, "done": sentences, "summary": summary}
 
 
 def _is_compressed(path: Path) -> bool:

@@ -31,20 +31,20 @@ from .made_for import note_shot
 class Outcome:
     """What make_levels did, by names of character groups.
 
-    made: those whose LOD meshes it made; kept: those whose it kept as they were; edited: of those
-    made, the ones made anew only because their LOD meshes had been edited or deleted.
+    new: those whose LOD meshes it made; unchanged: those whose it kept as they were; edited: of
+    the new, the ones made again only because their LOD meshes had been edited or deleted.
     """
 
-    made: tuple[str, ...]
-    kept: tuple[str, ...]
+    new: tuple[str, ...]
+    unchanged: tuple[str, ...]
     edited: tuple[str, ...]
 
     @property
     def sentence(self) -> str:
-        parts = [f"LOD meshes made: {', '.join(self.made) or 'none'}."]
-        if self.kept:
+        parts = [f"LOD meshes made: {', '.join(self.new) or 'none'}."]
+        if self.unchanged:
             parts.append(
-                f"Kept, because nothing that they depend on changed: {', '.join(self.kept)}."
+                f"Kept, because nothing that they depend on changed: {', '.join(self.unchanged)}."
             )
         if self.edited:
             parts.append(
@@ -75,23 +75,23 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
     copied = scene_data.is_shared(scene, "levels")
     earlier = None if copied else settings.levels
     before = set(bpy.data.user_map())
-    done = False
+    is_done = False
     try:
         ladders, groups, shots = yield from _read(scene, characters, earlier)
-        chosen, guesses = yield from _chosen(scene, ladders, groups, shots)
-        homes, edited = yield from _made(ladders, chosen.keep, earlier)
-        done = True
+        choice, guesses = yield from _chosen(scene, ladders, groups, shots)
+        homes, edited = yield from _made(ladders, choice.keep, earlier)
+        is_done = True
     except ReferenceError as error:  # by a script or another add-on, between two steps
         raise CrowdError(
             "Something that LODs are made from was deleted meanwhile: press Make LOD Meshes again."
         ) from error
     finally:
-        if not done:
+        if not is_done:
             bpy.data.batch_remove([block for block in bpy.data.user_map() if block not in before])
     for ladder, own in zip(ladders, homes, strict=True):
         ladder.settle(own)
-    made = [ladder.name for ladder in ladders if ladder.new_homes]
-    kept = [ladder.name for ladder in ladders if not ladder.new_homes]
+    new = [ladder.name for ladder in ladders if ladder.new_homes]
+    unchanged = [ladder.name for ladder in ladders if not ladder.new_homes]
     feet = [
         (*character.origin[:2], character.origin[2] + group.feet)
         for character, group in zip(characters, groups, strict=True)
@@ -101,16 +101,16 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
     if copied:
         scene_data.let_go(scene, "levels")
     _show_nowhere(scene, top)
-    settings.dropped = "\n".join(_told(ladders, chosen.dropped))
-    note_shot(scene, guesses, shots, chosen.keep)
-    settings.memory_tolerance = chosen.tolerance
+    settings.dropped = "\n".join(_told(ladders, choice.dropped))
+    note_shot(scene, guesses, shots, choice.keep)
+    settings.memory_tolerance = choice.tolerance
     settings.memory_made = settings.memory
     settings.estimate = ""
     _store(settings, ladders, groups, homes, len(levels))
-    for entry, finest in zip(settings.groups, chosen.finest, strict=True):
+    for entry, finest in zip(settings.groups, choice.finest, strict=True):
         entry.finest = finest
     yield 1.0
-    return Outcome(tuple(made), tuple(kept), tuple(edited))
+    return Outcome(tuple(new), tuple(unchanged), tuple(edited))
 
 
 def _show_nowhere(scene: bpy.types.Scene, top: bpy.types.Collection) -> None:
@@ -154,7 +154,9 @@ def _read(
     for g, character in enumerate(characters):
         name = character.name
         place = (*character.origin, float(stands(settings, name)))
-        ladder = Ladder(name, character.objects, list(ratios), settings, place, character.given)
+        ladder = Ladder(
+            name, character.objects, list(ratios), settings, place, character.given_lods
+        )
         yield from share(ladder.read(), 0.1 * g / len(characters), 0.1 * (g + 1) / len(characters))
         ladder.recall(earlier)
         ladders.append(ladder)
@@ -202,7 +204,7 @@ def _chosen(
             [k for k, goal in enumerate(ladder.goals) if goal in ladder.measured.rows]
             for ladder in ladders
         ]
-        given = [
+        by_hand = [
             [k for k, goal in enumerate(ladder.goals) if goal in ladder.given] for ladder in ladders
         ]
         choosing = partial(
@@ -212,7 +214,7 @@ def _chosen(
             shots,
             scene_data.meters(scene),
             measured,
-            given,
+            by_hand,
         )
         done = sum(map(len, measured)) / total
         choice = yield from standing(aside(choosing), 0.1 + 0.79 * done)

@@ -61,11 +61,11 @@ def _field(kind: str, name: str, empty=None) -> tuple[Callable, Callable]:
         table = draft.state if kind == "states" else draft.label
         return table(selected_name(scene, kind)).get(name, empty)
 
-    def put(self, value) -> None:
+    def store(self, value) -> None:
         path = kind, selected_name(self.id_data, kind), name
         change_or_tell(self.id_data, edits.set_field(path, None if value == empty else value))
 
-    return get, put
+    return get, store
 
 
 def _color_field(kind: str) -> Accessors:
@@ -92,7 +92,7 @@ def _number_field(kind: str, name: str) -> Accessors:
 
 
 def _name_field(kind: str) -> Accessors:
-    def put(self, value: str) -> None:
+    def store(self, value: str) -> None:
         scene = self.id_data
         before = selected_name(scene, kind)
         change_or_tell(scene, edits.rename(kind, before, value))
@@ -100,7 +100,7 @@ def _name_field(kind: str) -> Accessors:
             for entry in scene.crowd_lod.areas:
                 entry.label = value if entry.label == before else entry.label
 
-    return {"get": lambda self: selected_name(self.id_data, kind), "set": put}
+    return {"get": lambda self: selected_name(self.id_data, kind), "set": store}
 
 
 def _targets(timer: bool) -> tuple[Callable, Callable]:
@@ -125,7 +125,7 @@ def _weights(timer: bool) -> Accessors:
         weights = [weight for _, weight in read(self)[2]]
         return weights + [0.0] * (MOST_TARGETS - len(weights))
 
-    def put(self, values) -> None:
+    def store(self, values) -> None:
         before = read(self)[2]
         changed = [
             (name, weight if np.float32(weight) == np.float32(value) else shortest(value))
@@ -133,7 +133,7 @@ def _weights(timer: bool) -> Accessors:
         ]
         write(self, changed)
 
-    return {"get": get, "set": put}
+    return {"get": get, "set": store}
 
 
 def _single(timer: bool) -> Accessors:

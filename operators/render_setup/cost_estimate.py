@@ -189,7 +189,7 @@ def estimate(
     library = cast_of(characters, trajectory)
     owner = library.owner(trajectory.gaits)
     cast = holdings_of(characters, trajectory, library)
-    seen = yield from _look_at(scene, settings, looked_at)
+    views = yield from _look_at(scene, settings, looked_at)
     works = {}
     mine = CHOICES[settings.choice]
     pictures = shown_images(scene, settings)
@@ -204,19 +204,19 @@ def estimate(
             finest=np.array(choice.policy.finest or [0] * len(trajectory.groups)),
             moved_as=cast.moved_as,
         )
-        shown = seen.shown[name]
-        used = shown.any(axis=(0, 1))
+        agents_shown = views.agents_shown[name]
+        used = agents_shown.any(axis=(0, 1))
         in_bake = replace(actors, holdings=cast.baked(frames, trajectory, library, used))
         for baked in (known,) if known or name != mine else (False, True):
-            work = work_of(in_bake if baked else actors, shown, seen.rays, baked)
-            held = (
-                shown.any(axis=0)
+            work = work_of(in_bake if baked else actors, agents_shown, views.rays, baked)
+            is_held = (
+                agents_shown.any(axis=0)
                 if baked
                 else np.arange(choice.policy.count)[:, None] >= actors.finest[owner]
             )
             images = set(full)
             if name == mine:
-                images = set(_images(characters, settings, pictures, held, owner))
+                images = set(_images(characters, settings, pictures, is_held, owner))
             work = replace(
                 work,
                 points=work.points * len(frames) / len(looked_at),
@@ -231,11 +231,11 @@ def estimate(
 class _Seen(NamedTuple):
     """What F frames show.
 
-    shown: by the name of a choice of LODs, how many agents show each, (F, K, L); see work_of.
+    agents_shown: by the name of a choice of LODs, how many agents show each, (F, K, L); see work_of.
     rays: (F,) float64, samples of the pixels that agents cover.
     """
 
-    shown: dict[str, np.ndarray]
+    agents_shown: dict[str, np.ndarray]
     rays: np.ndarray
 
 
@@ -248,7 +248,7 @@ def _look_at(
     library = cast_of(characters_of(scene), trajectory)
     bias = bias_of(settings)
     samples = scene_data.samples_of(scene)
-    shown: dict[str, list[np.ndarray]] = {name: [] for name in choices}
+    agents_shown: dict[str, list[np.ndarray]] = {name: [] for name in choices}
     rays = []
     with frame_stepping.step_frames(scene) as at:
         for number_done, number in enumerate(numbers):
@@ -262,10 +262,10 @@ def _look_at(
             for name, choice in choices.items():
                 frame = plan(trajectory, eyes, choice.policy, time, shutter, bias)
                 frame = surround(frame, around)
-                shown[name].append(_shown(frame, library, trajectory, choice.policy.count))
+                agents_shown[name].append(_shown(frame, library, trajectory, choice.policy.count))
             rays.append(samples * covered(frame, scene))
             yield (number_done + 1) / len(numbers)
-    return _Seen({name: np.array(counts) for name, counts in shown.items()}, np.array(rays))
+    return _Seen({name: np.array(counts) for name, counts in agents_shown.items()}, np.array(rays))
 
 
 def _shown(frame: Frame, library: Library, trajectory: Trajectory, count: int) -> np.ndarray:

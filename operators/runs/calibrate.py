@@ -100,7 +100,7 @@ def calibrate(
     calibration = Calibration(
         **key_of(scene),
         seconds=fit.costs,
-        made=datetime.now(UTC).isoformat(timespec="seconds"),
+        date=datetime.now(UTC).isoformat(timespec="seconds"),
         off=round(fit.off, 3),
         renders=len(trials.works),
     )
@@ -134,7 +134,9 @@ def _render_trials(scene: bpy.types.Scene, effort: Effort) -> Generator[float, N
                 render_seconds = min(_seconds(stage, samples, clock) for _ in range(effort.repeats))
                 longest = max(longest, render_seconds)
                 works.append(
-                    replace(work, rays=samples * work.rays, drawn=samples * work.instanced)
+                    replace(
+                        work, rays=samples * work.rays, drawn_triangles=samples * work.instanced
+                    )
                 )
                 seconds.append(render_seconds - ground)
                 yield max(number / len(crowds), passed / ENOUGH)

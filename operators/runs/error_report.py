@@ -276,7 +276,7 @@ def lenses(pairs: int, seed: int) -> Generator[float, None, list[dict[str, Any]]
     rows = []
     for lens in culling_audit.LENSES:
         v = culling_audit.audit(lens, -(-pairs // len(culling_audit.LENSES)), seed)
-        surplus = 100 * v.surplus / max(v.kept, 1)
+        surplus = 100 * v.surplus / max(v.survivors, 1)
         beside = 100 * v.beside / max(v.visible, 1)
         counts = {"pairs": v.pairs, "visible": v.visible, "missed": v.missed}
         rows.append(

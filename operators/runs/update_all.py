@@ -112,13 +112,13 @@ def _requested_before(settings) -> dict[str, Any]:
     key = reference(settings)
     if key not in _requested:
         path = full_path(settings.shot_plan).with_name("plan.json")
-        asked = None
+        request = None
         with suppress(OSError, ValueError, LookupError, TypeError):
-            asked = dict(json.loads(path.read_text(encoding="utf-8"))["shot"]["asked"])
-            limits = asked["budget"].items()
-            asked["budget"] = {name: most for name, most in limits if name in OF_THE_PANEL}
+            request = dict(json.loads(path.read_text(encoding="utf-8"))["shot"]["asked"])
+            limits = request["budget"].items()
+            request["budget"] = {name: most for name, most in limits if name in OF_THE_PANEL}
         _requested.clear()
-        _requested[key] = asked
+        _requested[key] = request
     return _requested[key] or requested_of(wanted_of(settings.id_data, key[0].parent, ()))
 
 
@@ -204,23 +204,23 @@ def update_all(
     steps = update_steps(scene, bakes)
     whole = sum(step.weight for step in steps)
     begin = 0.0
-    done: dict[str, str] = {}
+    sentences: dict[str, str] = {}
     for step in steps:
         end = begin + step.weight / whole
         yield begin
         if step.find_reason(scene, True):
-            if done:
-                note(next(reversed(done)))
+            if sentences:
+                note(next(reversed(sentences)))
             try:
-                done[step.label] = yield from share(step.work(scene), begin, end)
+                sentences[step.label] = yield from share(step.work(scene), begin, end)
             except FAULTS as fault:
-                raise CrowdError(_failed(step.label, done, fault)) from fault
+                raise CrowdError(_failed(step.label, sentences, fault)) from fault
             provenance.look_afresh()
         begin = end
     if scene.crowd_lod.shot_plan:
         scene[CAMERAS] = _cameras_of_plan(scene)
     look_again(scene)
-    return done
+    return sentences
 
 
 def _failed(label: str, done: dict[str, str], fault: Exception) -> str:
@@ -229,11 +229,13 @@ def _failed(label: str, done: dict[str, str], fault: Exception) -> str:
     return f"{label}: {fault_sentence(fault)}{stays}"
 
 
-def update_sentence(scene: bpy.types.Scene, done: dict[str, str]) -> str:
+def update_sentence(scene: bpy.types.Scene, sentences: dict[str, str]) -> str:
     """Return what was done, and what was up to date."""
-    rest = [step.label for step in update_steps(scene) if step.label not in done]
+    rest = [step.label for step in update_steps(scene) if step.label not in sentences]
     kept = f"Up to date: {', '.join(rest)}." if rest else ""
-    return " ".join(filter(None, [*(f"{label}: {said}" for label, said in done.items()), kept]))
+    return " ".join(
+        filter(None, [*(f"{label}: {said}" for label, said in sentences.items()), kept])
+    )
 
 
 class CROWDLOD_OT_update_all(Stepwise, bpy.types.Operator):

@@ -144,7 +144,7 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
         made_for=shot_reference.plan_inputs(scene.crowd_lod, trajectory, policy, bias),
         tolerance=max(plan.tolerance, policy.tolerance or 0.0) or None,
         phases=phases.phases,
-        cast=needed_meshes(shot, plan.bill.shown),
+        cast=needed_meshes(shot, plan.bill.agents_shown),
         blend_file=printable(Path(bpy.data.filepath).name),
     )
     points = yield from standing(steps_aside(find_points(shot, policy.tolerance)), 1.0)
@@ -157,13 +157,13 @@ def _shot_of(scene: bpy.types.Scene, survey: Survey) -> Shot:
     characters = characters_of(scene)
     library = cast_of(characters, trajectory)
     cast = holdings_of(characters, trajectory, library)
-    used = np.zeros(len(survey.owner), bool)
-    used[survey.character[survey.seen]] = True
+    is_used = np.zeros(len(survey.owner), bool)
+    is_used[survey.character[survey.is_seen]] = True
     return Shot(
         survey,
         meshes_of(trajectory.groups, policy_of(scene.crowd_lod).count),
         costs_of(scene),
-        cast.baked(survey.numbers, trajectory, library, used),
+        cast.baked(survey.numbers, trajectory, library, is_used),
         cast.moved_as,
     )
 

@@ -46,7 +46,7 @@ def fit_for(scene, days=0, **other):
     made = datetime.now(UTC) - timedelta(days=days)
     seconds = dict.fromkeys(SECONDS["CYCLES"], 1.0)
     key = key_of(scene) | other
-    return Calibration(**key, seconds=seconds, made=made.isoformat(), off=0.1, renders=20)
+    return Calibration(**key, seconds=seconds, date=made.isoformat(), off=0.1, renders=20)
 
 
 @pytest.mark.once

@@ -90,7 +90,7 @@ def test_lods_of_one_rig_are_one_character_and_are_used_before_ours():
     take_people(scene, 3)
     (character,) = all_characters(scene)
     assert [item.name for item in character.objects] == ["Man_LOD0"]
-    assert [[item.name for item in lod.objects] for lod in character.given] == [
+    assert [[item.name for item in lod.objects] for lod in character.given_lods] == [
         ["Man_LOD1"],
         ["Man_LOD2"],
     ]
@@ -123,7 +123,7 @@ def test_lods_side_by_side_are_measured_where_the_character_stands():
         person(scene, f"Car_LOD{k}", k).location.x = 5 * k
     person(scene, "Tree", 2).location.x = -5
     take_all(scene)
-    assert [(each.name, len(each.given)) for each in all_characters(scene)] == [
+    assert [(each.name, len(each.given_lods)) for each in all_characters(scene)] == [
         ("Car_LOD0", 1),
         ("Tree", 0),
     ]
@@ -174,7 +174,7 @@ def test_a_kept_lod_that_became_a_character_is_no_lod_of_another():
     person(scene, "adult LOD 1", 1)
     person(scene, "child LOD 1", 1).location.x = 3
     take_all(scene)
-    assert [(each.name, each.given) for each in all_characters(scene)] == [
+    assert [(each.name, each.given_lods) for each in all_characters(scene)] == [
         ("adult LOD 1", ()),
         ("child LOD 1", ()),
     ]
@@ -193,5 +193,5 @@ def test_give_lod_takes_the_selected_meshes_by_hand():
     bpy.context.view_layer.objects.active = body
     bpy.ops.crowd_lod.give_lod()
     (character,) = all_characters(scene)
-    assert [[item.name for item in lod.objects] for lod in character.given] == [["coarse"]]
+    assert [[item.name for item in lod.objects] for lod in character.given_lods] == [["coarse"]]
     assert character.objects == [body]

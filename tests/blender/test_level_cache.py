@@ -35,15 +35,15 @@ def two():
 
 def test_nothing_changed_keeps_everything_also_after_saving(two, tmp_path):
     outcome, first = run(two)
-    assert (outcome.made, outcome.kept) == (("one", "two"), ())
+    assert (outcome.new, outcome.unchanged) == (("one", "two"), ())
     counts = [list(group.triangles) for group in two.crowd_lod.groups]
     outcome, again = run(two)
-    assert (outcome.made, outcome.kept) == ((), ("one", "two")) and again == first
+    assert (outcome.new, outcome.unchanged) == ((), ("one", "two")) and again == first
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "crowd.blend"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "crowd.blend"))
     scene = bpy.context.scene
     outcome, last = run(scene)
-    assert outcome.kept == ("one", "two") and set(last) == set(first)
+    assert outcome.unchanged == ("one", "two") and set(last) == set(first)
     assert [list(group.triangles) for group in scene.crowd_lod.groups] == counts
     assert [
         [home.name for home in level.children] for level in scene.crowd_lod.levels.children
@@ -55,7 +55,7 @@ def test_a_scaled_character_with_a_material_is_made_and_kept_as_any_other(two):
     other.scale = 1.5, 1.5, 1.5
     other.data.materials.append(bpy.data.materials.new("paint"))
     bpy.context.view_layer.update()
-    assert run(two)[0].made == ("one", "two") and run(two)[0].kept == ("one", "two")
+    assert run(two)[0].new == ("one", "two") and run(two)[0].unchanged == ("one", "two")
 
 
 def change_point(body):
@@ -109,7 +109,7 @@ def test_a_change_to_one_character_makes_that_one_anew(two, change):
     kept = first["other LOD 1"]
     change(bpy.data.objects["body"])
     outcome, again = run(two)
-    assert (outcome.made, outcome.kept, outcome.edited) == (("one",), ("two",), ())
+    assert (outcome.new, outcome.unchanged, outcome.edited) == (("one",), ("two",), ())
     assert again["other LOD 1"] == kept and set(again) == set(first)
 
 
@@ -121,12 +121,12 @@ def test_a_custom_property_is_that_of_the_character_unless_it_is_animated(two):
     body.keyframe_insert('["glow"]', frame=1)
     run(two)
     body["glow"] = 0.7  # as another frame would
-    assert run(two)[0].kept == ("one", "two")
+    assert run(two)[0].unchanged == ("one", "two")
     body["shade"] = 0.5
     outcome, found = run(two)
-    assert outcome.made == ("one",) and {found[f"body LOD {k}"]["shade"] for k in range(3)} == {0.5}
+    assert outcome.new == ("one",) and {found[f"body LOD {k}"]["shade"] for k in range(3)} == {0.5}
     body["some"]["of"] = [1, 3]
-    assert run(two)[0].made == ("one",)
+    assert run(two)[0].new == ("one",)
 
 
 def test_spheres_are_measured_anew_where_the_scene_may_show_more(two):
@@ -139,7 +139,7 @@ def test_spheres_are_measured_anew_where_the_scene_may_show_more(two):
     before = [group.radius for group in two.crowd_lod.groups]
     outcome, _ = run(two)
     assert (
-        outcome.kept == ("one", "two")
+        outcome.unchanged == ("one", "two")
         and [group.radius for group in two.crowd_lod.groups] == before
     )
     tree = material.node_tree
@@ -150,21 +150,21 @@ def test_spheres_are_measured_anew_where_the_scene_may_show_more(two):
     end = next(node for node in tree.nodes if node.type == "OUTPUT_MATERIAL")
     tree.links.new(node.outputs[0], end.inputs["Displacement"])
     outcome, _ = run(two)
-    assert outcome.kept == ("one", "two") and two.crowd_lod.groups[0].radius > before[0] + 2.9
+    assert outcome.unchanged == ("one", "two") and two.crowd_lod.groups[0].radius > before[0] + 2.9
     two.crowd_lod.groups[1].radius = 100.0
-    assert run(two)[0].kept == ("one", "two") and two.crowd_lod.groups[1].radius == before[1]
+    assert run(two)[0].unchanged == ("one", "two") and two.crowd_lod.groups[1].radius == before[1]
 
 
 @pytest.mark.once
 def test_other_settings_make_all_anew(two):
     run(two)
     two.crowd_lod.ratios[2] = 0.2
-    assert run(two)[0].made == ("one", "two")
+    assert run(two)[0].new == ("one", "two")
     two.crowd_lod.method = "POSE_AWARE"
-    assert run(two)[0].made == ("one", "two")
+    assert run(two)[0].new == ("one", "two")
     two.crowd_lod.level_count = 2
     outcome, lods = run(two)
-    assert outcome.made == ("one", "two") and not any(name.endswith("LOD 2") for name in lods)
+    assert outcome.new == ("one", "two") and not any(name.endswith("LOD 2") for name in lods)
 
 
 def test_what_was_edited_or_deleted_by_hand_is_made_anew_and_said(two):
@@ -172,7 +172,7 @@ def test_what_was_edited_or_deleted_by_hand_is_made_anew_and_said(two):
     count = len(first["other LOD 1"].data.polygons)
     first["other LOD 1"].data.vertices[0].co.x += 1
     outcome, again = run(two)
-    assert outcome.edited == outcome.made == ("two",) and "deleted by hand: two" in outcome.sentence
+    assert outcome.edited == outcome.new == ("two",) and "deleted by hand: two" in outcome.sentence
     assert len(again["other LOD 1"].data.polygons) == count
     bpy.data.objects.remove(again["body LOD 2"])
     outcome, again = run(two)
@@ -184,7 +184,7 @@ def test_a_new_group_before_the_others_moves_the_numbers_only(two):
     meshes = {name: item.data for name, item in first.items()}
     character(new("early", tube("early", 12, 12)), name="a first")
     outcome, again = run(two)
-    assert (outcome.made, outcome.kept) == (("a first",), ("one", "two"))
+    assert (outcome.new, outcome.unchanged) == (("a first",), ("one", "two"))
     assert {home.name for home in two.crowd_lod.levels.children[1].children} == {
         "000 a first LOD 1",
         "001 one LOD 1",
@@ -248,5 +248,8 @@ def test_measures_that_are_spoilt_are_made_anew(two, value):
     for key in ("crowd_lod_measured", "crowd_lod_candidate"):
         two.crowd_lod.levels.children[0].children[0][key] = value
         outcome, again = run(two)
-        assert (outcome.made, outcome.kept) == (("one",), ("two",)) and again.keys() == first.keys()
+        assert (outcome.new, outcome.unchanged) == (
+            ("one",),
+            ("two",),
+        ) and again.keys() == first.keys()
         assert [list(group.triangles) for group in two.crowd_lod.groups] == counts

@@ -40,13 +40,13 @@ def test_lods_that_hang_on_a_character_s_armature_are_no_part_of_it(scene):
     bpy.data.collections.remove(character())
     for item in (armature, body, root, hat):
         scene.crowd_lod.characters.objects.link(item)
-    assert run(scene).made == ("rig", "root")
-    assert run(scene).kept == ("rig", "root") and objects_of(scene, 1) == [
+    assert run(scene).new == ("rig", "root")
+    assert run(scene).unchanged == ("rig", "root") and objects_of(scene, 1) == [
         ["body LOD 1"],
         ["hat LOD 1"],
     ]
     scene.crowd_lod.ratios[1] = 0.5
-    assert run(scene).made == ("rig", "root") and objects_of(scene, 2) == [
+    assert run(scene).new == ("rig", "root") and objects_of(scene, 2) == [
         ["body LOD 2"],
         ["hat LOD 2"],
     ]
@@ -56,13 +56,13 @@ def test_an_object_may_be_in_several_groups(scene):
     body = new("body", tube("body", 5, 5))
     for name in ("one", "two"):
         character(body, name=name)
-    assert run(scene).made == ("one", "two")
+    assert run(scene).new == ("one", "two")
     before = [list(level.children) for level in scene.crowd_lod.levels.children]
-    assert run(scene).kept == ("one", "two")
+    assert run(scene).unchanged == ("one", "two")
     assert [list(level.children) for level in scene.crowd_lod.levels.children] == before
     character(body, name="three")
     outcome = run(scene)
-    assert (outcome.made, outcome.kept, outcome.edited) == (("two",), ("one", "three"), ())
+    assert (outcome.new, outcome.unchanged, outcome.edited) == (("two",), ("one", "three"), ())
 
 
 @pytest.mark.parametrize("linked", [False, True])
@@ -101,7 +101,7 @@ def test_a_copy_of_the_scene_leaves_the_first_one_s(scene):
         )
         assert other.crowd_lod.levels.name in other.collection.children
     assert len(bpy.data.scenes) == 2 and len(other.crowd_lod.levels.all_objects) == len(items)
-    assert run(scene).kept == ("someone",)
+    assert run(scene).unchanged == ("someone",)
 
 
 def test_two_groups_of_one_name_are_named(scene):
@@ -136,7 +136,7 @@ def test_lods_of_another_group_are_never_taken_for_a_group_s_own(scene, change):
         with pytest.raises(RuntimeError, match=says):
             bpy.ops.crowd_lod.build()
         bpy.ops.crowd_lod.populate()
-    assert not run(scene).made
+    assert not run(scene).new
     assert bpy.ops.crowd_lod.measure_levels() == bpy.ops.crowd_lod.build() == {"FINISHED"}
     known = dict(before)
     for group in scene.crowd_lod.groups:

@@ -241,7 +241,7 @@ def test_rigs_are_estimated_and_planned_as_they_are_built(dressed, tmp_path, swa
     scene.crowd_lod.shot_plan = str(tmp_path / "plan.npz")
     finished(bake.bake(scene, [50]))
     planned = sum(item.type == "ARMATURE" for item in scene.crowd_lod.build.all_objects)
-    assert planned == work_in(plan.shot, plan.plan.bill.shown).rigs < known.rigs
+    assert planned == work_in(plan.shot, plan.plan.bill.agents_shown).rigs < known.rigs
 
 
 def test_lods_of_a_variant_hold_its_props_and_their_deviation_is_told(ready):

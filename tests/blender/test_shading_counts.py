@@ -88,8 +88,8 @@ def test_pictures_are_compared_when_lods_are_made_and_remembered(striped):
     settings = striped.crowd_lod
     assert groups_of(settings)[0].shaded == ()
     settings.shading_counts = True
-    assert finished(make_levels(striped)).made == ("someone",)
+    assert finished(make_levels(striped)).new == ("someone",)
     (group,) = groups_of(settings)
     assert len(group.shaded) == len(group.bounds)
-    assert finished(make_levels(striped)).kept == ("someone",)
+    assert finished(make_levels(striped)).unchanged == ("someone",)
     assert groups_of(settings)[0] == group

@@ -51,7 +51,7 @@ def plaza(agents=400, frames=40, engine="EEVEE", lods=4, tolerance=1.0):
 
 def loads(shot, levels, table):
     """What each frame takes, (F,), agent by agent."""
-    seen = shot.survey.seen
+    seen = shot.survey.is_seen
     return np.array(
         [table[shot.survey.group, own][row].sum() for own, row in zip(levels, seen, strict=True)]
     )
@@ -98,7 +98,7 @@ def least_within(shot, weight, limit):
             options = {}
             for sequence in sequences(shot, agent):
                 load = tuple(
-                    int(shot.meshes.triangles[0, k] // 1000) * bool(shot.survey.seen[f, agent])
+                    int(shot.meshes.triangles[0, k] // 1000) * bool(shot.survey.is_seen[f, agent])
                     for f, k in enumerate(sequence)
                 )
                 options[load] = min(options.get(load, inf), priced(shot, weight, agent, sequence))
@@ -247,7 +247,7 @@ def test_exceptions_hold_within_a_budget():
     for budget in (least, 1.1 * least):
         plan = finished(decide_within(shot, Budget(triangles=budget)))
         assert loads(shot, plan.levels, shot.meshes.triangles).max() <= budget
-        assert ((plan.levels >= always) & (plan.levels <= limit))[shot.survey.seen].all()
+        assert ((plan.levels >= always) & (plan.levels <= limit))[shot.survey.is_seen].all()
 
 
 @pytest.mark.once

@@ -21,7 +21,7 @@ def renders(random, count):
             instanced=10 ** random.uniform(5, 7),
             rigs=random.integers(1, 100),
             rays=10 ** random.uniform(4, 6),
-            drawn=10 ** random.uniform(5, 8),
+            drawn_triangles=10 ** random.uniform(5, 8),
         )
         for _ in range(count)
     ]

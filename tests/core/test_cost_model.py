@@ -287,10 +287,10 @@ def test_eevee_draws_all_triangles_once_for_each_sample(samples, rendered):
         for triangles in (11_456, 100)
     )
     assert lods / full == pytest.approx(rendered, abs=0.03)
-    assert "drawn" not in costs.seconds
+    assert "drawn_triangles" not in costs.seconds
     once = default_costs("EEVEE").seconds["instanced"]
     assert costs.seconds["instanced"] == pytest.approx(
-        once + (samples - 1) * SECONDS["EEVEE"]["drawn"]
+        once + (samples - 1) * SECONDS["EEVEE"]["drawn_triangles"]
     )
 
 

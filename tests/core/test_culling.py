@@ -28,11 +28,11 @@ def test_against_exact_planes(lens):
     verdict = audit(lens, pairs)
     assert verdict.pairs == pairs
     assert (
-        verdict.kept > pairs / 10 and verdict.visible < 0.95 * pairs
+        verdict.survivors > pairs / 10 and verdict.visible < 0.95 * pairs
     )  # the judge had something to say
     assert verdict.missed == 0
     if lens != "sheared, Cycles":  # those keep what its rays may show
-        assert verdict.surplus < 0.001 * verdict.kept
+        assert verdict.surplus < 0.001 * verdict.survivors
 
 
 @pytest.mark.parametrize("lens", LENSES)
@@ -127,11 +127,11 @@ def test_extremes():
     for row in rows:
         assert row.verdict.missed == 0, row.name
         assert row.verdict.depth_error <= 1, row.name
-        assert row.verdict.surplus - row.verdict.grazing <= 0.001 * row.verdict.kept, row.name
+        assert row.verdict.surplus - row.verdict.grazing <= 0.001 * row.verdict.survivors, row.name
     by_name = {row.name: row for row in rows}
-    assert by_name["exactly on planes"].verdict.kept == 6
+    assert by_name["exactly on planes"].verdict.survivors == 6
     assert "9 9 9 9 9" in by_name["exactly on thresholds"].note  # on each threshold the coarser LOD
-    assert by_name["camera inside an agent"].verdict.kept == 2
+    assert by_name["camera inside an agent"].verdict.survivors == 2
     assert (
         "3 of 4,000" in by_name["NaN and infinity"].note
         and "agent 4" in by_name["NaN and infinity"].note

@@ -46,7 +46,7 @@ def test_points_are_what_their_lods_cost(engine):
         (own, plan.levels, plan.bill),
         (thresholds, survey.coarsest, plan.thresholds),
     ):
-        seen = survey.seen
+        seen = survey.is_seen
         group = np.broadcast_to(survey.group, seen.shape)[seen]
         assert point.triangles == pytest.approx(
             TRIANGLES[group, levels[seen]].sum() / TRIANGLES[group, 0].sum()

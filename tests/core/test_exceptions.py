@@ -120,7 +120,7 @@ def test_plans_keep_to_the_exceptions_in_their_frames_and_lie_above_their_bound(
         rule("ALWAYS", 0, [3], 5),
     )
     plan = finished(decide(shot))
-    seen = shot.survey.seen
+    seen = shot.survey.is_seen
     assert (plan.levels[:, :2] <= 1)[seen[:, :2]].all() and (without[:, :2] > 1)[seen[:, :2]].any()
     assert (plan.levels[2:6, 2] == 3)[seen[2:6, 2]].all()
     assert (plan.levels[4:, 3] == 0)[seen[4:, 3]].all()

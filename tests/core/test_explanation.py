@@ -89,7 +89,7 @@ def test_alternatives_tell_what_each_lod_costs_and_shows():
             costs["instances"] + costs["instanced"] * 2 * SIZES[level]
         )
         assert each.mesh_seconds == pytest.approx(costs["unique"] * 2 * SIZES[level])
-        assert each.others == frame.buckets.counts[level] - (level == 1)
+        assert each.companions == frame.buckets.counts[level] - (level == 1)
     assert [each.begins for each in found.alternatives] == [
         None,
         pytest.approx(27),
@@ -133,7 +133,7 @@ def test_culled_agents_are_told_by_which_side():
     found = explain_agent(frame, agent, default_costs("EEVEE"))
     assert found.text.splitlines()[1].startswith("Culled: ") and "*" not in found.text
     assert any(line.endswith("outside") for line in found.text.splitlines())
-    assert sum(each.others for each in found.alternatives) == len(frame.buckets.order)
+    assert sum(each.companions for each in found.alternatives) == len(frame.buckets.order)
 
 
 def test_tests_of_every_eye_are_told():

@@ -117,7 +117,7 @@ def test_the_survey_and_the_crowd_show_the_same_characters(shot, planned):
         seconds = trajectory.seconds(time)
         shown = library().character_of(trajectory.gaits, crowd, seconds, agents)
         assert (shown == again.character[f, agents]).all()
-    before, after = (np.unique(each.character[each.seen]) for each in (survey, again))
+    before, after = (np.unique(each.character[each.is_seen]) for each in (survey, again))
     assert len(after) < 0.6 * len(before)
 
 
@@ -221,11 +221,11 @@ def test_near_agents_share_few_classes_where_variety_allows():
     plan = plan_phases(survey, strides_of(trajectory.groups, trajectory.gaits), 1.0)
     again = recast(survey, plan.phases)
     block = survey.roles.block[again.character]
-    near = (again.seen & (survey.coarsest <= coloring.NEAR[-1])).any(axis=0)
+    near = (again.is_seen & (survey.coarsest <= coloring.NEAR[-1])).any(axis=0)
     near &= plan.phases.finer == 0
     counts = [
         [
-            len(np.unique(again.character[:, agents][(again.seen & (block == b))[:, agents]]))
+            len(np.unique(again.character[:, agents][(again.is_seen & (block == b))[:, agents]]))
             for b in np.flatnonzero(plan.phases.counts > coloring.FEWEST)
         ]
         for agents in (near, ~near)

@@ -135,7 +135,7 @@ def test_no_visible_switch_shows_more_than_twice_the_tolerance(engine, seed, tol
             pytest.approx(sum(pixels)),
         )
         assert plan.bill.error <= tolerance
-        assert (plan.levels <= shot.survey.coarsest)[shot.survey.seen].all()
+        assert (plan.levels <= shot.survey.coarsest)[shot.survey.is_seen].all()
     assert bill(shot, shot.survey.coarsest).most > 2 * tolerance  # so there was something to avoid
 
 
@@ -147,8 +147,8 @@ def test_unseen_agents_have_the_lod_with_which_they_are_seen_next(engine, seed):
     for avoid in (0, 0.05):
         levels = finished(decide(shot, avoid)).levels
         for a in range(10):
-            for f in np.flatnonzero(~shot.survey.seen[:, a]):
-                later = np.flatnonzero(shot.survey.seen[f:, a])
+            for f in np.flatnonzero(~shot.survey.is_seen[:, a]):
+                later = np.flatnonzero(shot.survey.is_seen[f:, a])
                 assert not len(later) or levels[f, a] == levels[f + later[0], a]
 
 
@@ -167,7 +167,7 @@ def test_avoid_is_kept(engine, avoid):
     for seed in range(3):
         shot = some_shot(seed, agents=40, frames=10, lods=4, engine=engine, tolerance=2, each=2)
         shot.survey.scale[:] = np.where(
-            shot.survey.seen, 40 + seed, 0
+            shot.survey.is_seen, 40 + seed, 0
         )  # no switch of more than twice the tolerance
         plan = finished(decide(shot, avoid))
         for own, least in (
@@ -220,7 +220,7 @@ def test_one_lod_a_character_switches_less_where_switches_cost(seed):
     unique = mesh_costs(shot, seed)
     restless, calm = (by_character(shot, unique, weight) for weight in (0.0, 1e6))
     assert len(switches(shot, calm)) < len(switches(shot, restless))
-    assert (calm <= shot.coarsest)[shot.survey.seen].all()
+    assert (calm <= shot.coarsest)[shot.survey.is_seen].all()
 
 
 def test_plans_in_cycles_cost_no_more_than_thresholds_and_less_where_meshes_are_shared():

@@ -142,7 +142,7 @@ def test_plots_show_the_data():
     survey = data.shot.survey
     levels = data.plan.levels
     for k in range(4):
-        at = survey.seen & (levels == k)
+        at = survey.is_seen & (levels == k)
         own = np.where(at, TRIANGLES[survey.group, k], 0).sum(axis=1)
         for heading, values in (("LODs of seen agents", at.sum(axis=1)), ("Triangles by LOD", own)):
             part = section(text, heading)
@@ -167,7 +167,7 @@ def test_figures_and_tables_are_those_of_the_plan():
     whole = (
         found.triangles.sum()
         / TRIANGLES[
-            np.broadcast_to(data.shot.survey.group, (FRAMES, 60))[data.shot.survey.seen], 0
+            np.broadcast_to(data.shot.survey.group, (FRAMES, 60))[data.shot.survey.is_seen], 0
         ].sum()
     )
     cards = dict(
@@ -232,7 +232,7 @@ def test_what_the_user_should_know_is_said():
     survey = data.shot.survey
     survey.cuts[3] = True
     survey.kind[6] = CULLED
-    survey.entered[5] = np.flatnonzero(survey.seen[5] & ~survey.seen[4])[:2]
+    survey.entered[5] = np.flatnonzero(survey.is_seen[5] & ~survey.is_seen[4])[:2]
     plan = finished(decide(data.shot))
     text = shot_page(replace(data, plan=plan, noticed=noticed(data.shot, plan.levels, RADIUS)))
     assert (

@@ -25,7 +25,7 @@ def with_entries(shot, seed):
     clip, and so did half of those that are gone.
     """
     random = np.random.default_rng(seed)
-    seen = shot.survey.seen
+    seen = shot.survey.is_seen
     for f in range(1, len(seen)):
         new = np.flatnonzero(seen[f] & ~seen[f - 1])
         if not shot.survey.cuts[f]:

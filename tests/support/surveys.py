@@ -37,7 +37,7 @@ def some_shot(seed, agents=3, frames=5, lods=3, engine="EEVEE", tolerance=None, 
     )
     survey.cuts[1:] = random.random(frames - 1) < 0.15
     steps = random.choice([0.5, 0.8, 1, 1, 1.25, 2, 3], size=shape).cumprod(axis=0)
-    survey.scale[:] = np.clip(np.rint(20 * steps), 1, 2000) * survey.seen
+    survey.scale[:] = np.clip(np.rint(20 * steps), 1, 2000) * survey.is_seen
     survey.coarsest[:] = random.integers(lods, size=shape) * (survey.kind != CULLED)
     survey.character[:] = (group * each + random.integers(each, size=shape)) * (
         survey.kind != CULLED
