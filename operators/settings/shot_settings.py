@@ -17,6 +17,7 @@ from .exception_settings import CrowdLodException
 COLORS = (
     ("LOD", "By LOD", "Red, green, blue from near to far"),
     ("MATERIAL", "Materials", "The characters' own materials"),
+    ("ERROR", "By Error", "How many pixels an agent's LOD may be off: green to red"),
 )
 
 
