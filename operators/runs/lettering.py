@@ -36,6 +36,12 @@ def _outlines(words: str, tall: float) -> tuple[np.ndarray, np.ndarray]:
     return points[:, :2].astype(np.float64), triangles
 
 
+def _length(words: str) -> float:
+    """Return how long a line of a contact sheet is, pixels."""
+    points, _ = _outlines(words, LETTER)
+    return float(np.ptp(points[:, 0])) if len(points) else 0.0
+
+
 def write(
     sheet: np.ndarray,
     words: str,
@@ -118,8 +124,8 @@ def _titles(titles: Sequence[str], width: int) -> np.ndarray:
 
 def _labels(labels: Sequence[str], height: int, titled: bool) -> np.ndarray:
     lines_of = [label.split("\n") for label in labels]
-    widths = [np.ptp(_outlines(line, LETTER)[0][:, 0]) for lines in lines_of for line in lines]
-    strip = _blank(height, int(max(widths)) + 2 * GAP)
+    widest = max(_length(line) for lines in lines_of for line in lines)
+    strip = _blank(height, int(widest) + 2 * GAP)
     cell = (height - titled * LINE - GAP) / len(labels)
     for number, lines in enumerate(lines_of):
         middle = height - titled * LINE - GAP - cell * number - (cell - GAP) / 2
@@ -134,8 +140,7 @@ def _legend(legend: Legend, width: int) -> np.ndarray:
     lines = [_blank(LINE, width)]
     right = float(GAP)
     for name, color in legend:
-        length = LINE + float(np.ptp(_outlines(name, LETTER)[0][:, 0]))
-        if right > GAP and right + length + GAP > width:
+        if right > GAP and right + LINE + _length(name) + GAP > width:
             lines.append(_blank(LINE, width))
             right = float(GAP)
         if color is None:
