@@ -1,11 +1,18 @@
 """The shot plan, against all that could be decided on small shots."""
 
 import hashlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.crowd_lod.shot.shot import by_character, decide, decided, lower_bound
+from crowd_lod_extension.crowd_lod.shot.shot import (
+    Limit,
+    by_character,
+    decide,
+    decided,
+    lower_bound,
+)
 from crowd_lod_extension.crowd_lod.shot.shot_cost import bill
 from crowd_lod_extension.crowd_lod.shot.survey import SEEN
 
@@ -177,6 +184,20 @@ def test_avoid_is_kept(engine, avoid):
         ):
             assert own <= least * (1 + avoid) * (1 + 1e-12)
         assert plan.bill.pixels.sum() <= plan.thresholds.pixels.sum()
+
+
+def test_what_a_plan_may_cost_more_is_a_part_of_what_thresholds_cost():
+    """Else memory that agents of a class save by one LOD leaves a plan no room to avoid pops."""
+    shot = some_shot(3, agents=10)
+    thresholds = bill(shot, shot.survey.coarsest)
+
+    def with_memory(part):
+        price = replace(thresholds.price, memory=part * thresholds.price.memory)
+        return replace(thresholds, price=price)
+
+    limit = Limit(thresholds, shot.survey.coarsest, with_memory(0.5), 0.05)
+    assert limit.holds(with_memory(0.549))
+    assert not limit.holds(with_memory(0.551))
 
 
 def test_plan_is_the_same_on_every_python():
