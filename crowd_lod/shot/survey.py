@@ -89,6 +89,19 @@ class Survey:
         """(F, n) bool."""
         return self.kind == SEEN
 
+    @property
+    def spans(self) -> tuple[np.ndarray, np.ndarray]:
+        """(n,) intp the first frame in which each agent is seen, and the one after the last; the
+        same for those that never are.
+        """
+        first = np.zeros(len(self.group), np.intp)
+        last = np.zeros(len(self.group), np.intp)
+        for f in range(len(self.times)):
+            is_seen = self.kind[f] == SEEN
+            np.copyto(first, f, where=is_seen & (last == 0))
+            np.copyto(last, f + 1, where=is_seen)
+        return first, last
+
     def of(self, agents: slice) -> "Survey":
         """Return the survey of these agents alone; nobody counts as entered or gone."""
         names = (
