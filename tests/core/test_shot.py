@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.shot.shot import by_character, decide, decided, lower_bound
-from crowd_lod_extension.crowd_lod.shot.shot_cost import bill
+from crowd_lod_extension.crowd_lod.shot.shot_cost import Bill
 from crowd_lod_extension.crowd_lod.shot.survey import SEEN
 
 from ..support.surveys import pixels_of, sequences, some_shot
@@ -136,7 +136,7 @@ def test_no_visible_switch_shows_more_than_twice_the_tolerance(engine, seed, tol
         )
         assert plan.bill.error <= tolerance
         assert (plan.levels <= shot.survey.coarsest)[shot.survey.is_seen].all()
-    assert bill(shot, shot.survey.coarsest).most > 2 * tolerance  # so there was something to avoid
+    assert Bill(shot, shot.survey.coarsest).most > 2 * tolerance  # so there was something to avoid
 
 
 @pytest.mark.once
@@ -157,7 +157,7 @@ def test_switches_at_cuts_are_free():
     shot.survey.cuts[1:] = True
     levels, _ = finished(decided(shot, shot.instance[None].astype(np.float32), 1e6))
     assert (levels == shot.survey.coarsest).all() and (levels[1:] != levels[:-1]).any()
-    assert bill(shot, levels).switches.sum() == 0
+    assert Bill(shot, levels).switches.sum() == 0
 
 
 @pytest.mark.once
