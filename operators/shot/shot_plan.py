@@ -247,9 +247,11 @@ def write_levels(folder: Path, planned: PlannedShot) -> None:
 def shot_json(planned: PlannedShot) -> dict[str, Any]:
     """Return what plan.json tells of the shot."""
     requested = requested_of(planned.request)
-    return shot_facts(
+    facts = shot_facts(
         planned.report, planned.stored, requested, [each.as_json for each in planned.exemptions]
     )
+    facts["shot"]["budgets"] = [astuple(point) for point in planned.points]
+    return facts
 
 
 def requested_of(request: PlanRequest) -> dict[str, Any]:
@@ -308,13 +310,6 @@ def wanted_of(scene: bpy.types.Scene, folder: Path, frames: Sequence[int]) -> Pl
     )
 
 
-def note_plan(settings, planned: PlannedShot) -> None:
-    """Note in the settings, which follow the plan from now on, what the sidebar tells of it."""
-    settings.use_shot_plan = True
-    settings.shot_verdict = planned.report.verdict.sentence
-    settings.shot_budgets = json.dumps([astuple(point) for point in planned.points])
-
-
 def possible_budgets(settings) -> tuple[BudgetPoint, ...]:
     """Return what the planned shot takes at the least; nothing without a plan."""
     with suppress(ValueError, TypeError):  # a script may have put anything there
@@ -357,7 +352,7 @@ def plan_of_settings(scene: bpy.types.Scene) -> Generator[float, None, str]:
         planned = yield from share(plan_shot(scene, request), 0.0, 0.99)
         yield from standing(write_plan(scene, part, planned, ["sidebar"]), 0.99)
     settings.shot_plan = f"{place}/{plan_file.NAME}"
-    note_plan(settings, planned)
+    settings.use_shot_plan = True
     note_output(scene, "plan", planned.report.verdict.sentence)
     return f"{sentence(planned)} The plan is in {place_of(folder)}."
 
@@ -385,7 +380,7 @@ class CROWDLOD_OT_remove_plan(Reporting, bpy.types.Operator):
 
     def run(self, context) -> str:
         settings = context.scene.crowd_lod
-        settings.shot_plan = settings.shot_verdict = settings.shot_budgets = ""
+        settings.shot_plan = ""
         return "LODs follow from distances again."
 
 
