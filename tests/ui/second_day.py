@@ -21,6 +21,7 @@ class Watch:
 
     def __init__(self):
         self.longest = 0.0
+        self._stopped = False
         self._last = time.monotonic()
         bpy.app.timers.register(self._tick)
 
@@ -28,10 +29,10 @@ class Watch:
         now = time.monotonic()
         self.longest = max(self.longest, now - self._last)
         self._last = now
-        return TICK
+        return None if self._stopped else TICK
 
     def stop(self) -> float:
-        bpy.app.timers.unregister(self._tick)
+        self._stopped = True
         return round(self.longest, 2)
 
 
