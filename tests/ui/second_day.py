@@ -64,6 +64,7 @@ def perform():
     found["budget"] = settings().budget_triangles
     found["nothing due"] = not due()
     found["proof"] = yield from press("verify")
+    found["verdict"] = bpy.data.images["Crowd LOD Proof"].packed_file is not None and verdict()
     yield from robot.picture("13_proof")
     found["handed_over"] = yield from press("bake")
     yield from robot.picture("14_baked")
@@ -100,6 +101,11 @@ def override(agent: int, kind: str):
 def most_triangles() -> int:
     """Triangles that the frame draws."""
     return robot.overlay().latest(scene()).triangles
+
+
+def verdict() -> str:
+    """What the last proof found."""
+    return sys.modules[f"{robot.MODULE}.operators.runs.verify_button"].verdict_of(scene())
 
 
 def due() -> dict:

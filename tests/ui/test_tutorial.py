@@ -53,6 +53,7 @@ def test_the_second_day_takes_few_presses_and_keeps_what_was_asked(seen):
     always, hidden = day["overridden"]
     assert always in day["agents"][0] and hidden not in sum(day["agents"], [])
     assert 0 < day["triangles"] <= day["budget"] and day["nothing due"]
+    assert day["verdict"].startswith("OK")
 
 
 def test_the_console_holds_no_error(seen):
