@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Generator, Sequence
-from contextlib import suppress
 from dataclasses import astuple, dataclass
 from functools import partial
 from math import inf, isfinite
@@ -16,6 +15,7 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, number, printable
 from ...crowd_lod.frame.planned import PINNED, camera_of
 from ...crowd_lod.levels.assignment import deviations
+from ...crowd_lod.levels.budget_fit import Budget
 from ...crowd_lod.progress import aside, share, standing, steps_aside
 from ...crowd_lod.reporting import files, tables
 from ...crowd_lod.reporting.shot_json import shot_facts
@@ -23,7 +23,7 @@ from ...crowd_lod.reporting.shot_page import shot_page
 from ...crowd_lod.reporting.shot_report import ShotReport
 from ...crowd_lod.reporting.switch_figures import png_of
 from ...crowd_lod.shot import plan_file
-from ...crowd_lod.shot.budget import Budget, BudgetPlan, decide_within
+from ...crowd_lod.shot.budget import BudgetPlan, decide_within
 from ...crowd_lod.shot.budget_points import BudgetPoint, budget_sentence, find_points, fitting_point
 from ...crowd_lod.shot.coloring import VARIETY, PhasePlan, plan_phases, recast, strides_of
 from ...crowd_lod.shot.curve import curve_of
@@ -51,6 +51,7 @@ from ..scene import shot_reference
 from ..scene.scene_crowd import characters_of, policy_of, trajectory_of
 from ..scene.shot_exceptions import exemptions_of
 from ..settings import needs
+from ..settings.budgets import budget_of, possible_budgets
 from ..sources.crowd_sources import check_recorded
 from .scene_json import scene_json
 from .shot_survey import SurveyedShot, survey_of
@@ -286,15 +287,6 @@ def sentence(planned: PlannedShot) -> str:
     )
 
 
-def budget_of(settings) -> Budget:
-    """Return the budget that the settings give; 0 is no limit."""
-    return Budget(
-        triangles=settings.budget_triangles or inf,
-        memory=1e6 * round(settings.budget_memory, 3) or inf,
-        finest=settings.budget_finest or None,
-    )
-
-
 def wanted_of(scene: bpy.types.Scene, folder: Path, frames: Sequence[int]) -> PlanRequest:
     """Return what the scene's settings ask of a plan of the `frames`."""
     settings = scene.crowd_lod
@@ -313,13 +305,6 @@ def note_plan(settings, planned: PlannedShot) -> None:
     settings.use_shot_plan = True
     settings.shot_verdict = planned.report.verdict.sentence
     settings.shot_budgets = json.dumps([astuple(point) for point in planned.points])
-
-
-def possible_budgets(settings) -> tuple[BudgetPoint, ...]:
-    """Return what the planned shot takes at the least; nothing without a plan."""
-    with suppress(ValueError, TypeError):  # a script may have put anything there
-        return tuple(BudgetPoint(*map(float, row)) for row in json.loads(settings.shot_budgets))
-    return ()
 
 
 def refuse_budget(scene: bpy.types.Scene) -> None:

@@ -4,11 +4,8 @@ import bpy
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.shot.budget_points import budget_sentence
-from crowd_lod_extension.operators.shot.shot_plan import (
-    budget_of,
-    plan_of_settings,
-    possible_budgets,
-)
+from crowd_lod_extension.operators.settings.budgets import budget_of, possible_budgets
+from crowd_lod_extension.operators.shot.shot_plan import plan_of_settings
 
 from ..support.characters import character, new, tube
 
