@@ -8,10 +8,10 @@ import numpy as np
 
 from ..crowd.agents import Group
 from ..errors import CrowdError
-from .selection import GroupShot, View, cheapest, choose, counting
+from .selection import View
 
 PRECISE = 1.01  # factor within which the least tolerance is found
-SLACK = 1.1  # factor of that tolerance with which fewer LODs, which cost less, may be enough
+SLACK = 1.05  # factor of that tolerance with which fewer LODs are enough
 
 
 @dataclass(frozen=True)
@@ -76,41 +76,27 @@ def sight(group: Group, views: Sequence[View]) -> Sightings:
     )
 
 
-@dataclass(frozen=True)
-class BudgetFit:
-    """LODs that hold a budget.
-
-    keep: for each group, the candidates to keep.
-    tolerance: pixels that LODs must be allowed for it; 0 where those by tolerance hold it anyway.
-    """
-
-    keep: list[list[int]]
-    tolerance: float = 0.0
-
-
 class BudgetSearch:
-    """The search for the candidates of some groups that hold a budget.
+    """The search for candidates with which the groups hold a budget.
 
-    groups: with values of all their candidates. shots: where their agents are.
-    measured, given: for each group, candidates as of levels.selection.cheapest.
+    groups: with values of all their candidates. views: of each group, where its agents are.
+    measured: of each group, the candidates whose values are no guesses.
+    given: of each group, the candidates that artists made.
     """
 
     def __init__(
         self,
         groups: Sequence[Group],
-        shots: Sequence[GroupShot],
+        views: Sequence[Sequence[View]],
         budget: Budget,
         measured: Sequence[Collection[int]],
         given: Sequence[Collection[int]],
     ):
         self.groups = groups
-        self.shots = shots
         self.budget = budget
         self.measured = measured
         self.given = given
-        self.sightings = [
-            sight(group, shot.views) for group, shot in zip(groups, shots, strict=True)
-        ]
+        self.sightings = [sight(*pair) for pair in zip(groups, views, strict=True)]
         self.frames = np.unique(np.concatenate([seen.frame for seen in self.sightings]))
         self.every = [list(range(len(group.triangles))) for group in groups]
 
@@ -145,30 +131,30 @@ class BudgetSearch:
             if (limit := most[name]) is not None and load > limit
         }
 
-    def fit(self, keep: list[list[int]], tolerance: float) -> BudgetFit:
-        """Return the candidates that hold the budget at the least tolerance, the fewest first.
+    def fit(self, keep: list[list[int]], tolerance: float) -> tuple[list[list[int]], float]:
+        """Return (few candidates that hold the budget, the least tolerance at which they do).
 
-        keep: those that were chosen without the budget. tolerance: pixels that are allowed anyway.
+        keep: those that were chosen without the budget, which stay if they hold it.
+        tolerance: pixels that are allowed anyway.
         CrowdError, which names the setting that would make it possible, if none hold it.
         """
         if self.hold(keep, tolerance):
-            return BudgetFit(keep)
+            return keep, tolerance
         if exceeded := self.exceeded(self.every, inf):
             coarsest = [int(np.argmin(group.triangles)) for group in self.groups]
             if all(k in known for k, known in zip(coarsest, self.measured, strict=True)):
                 raise CrowdError(_impossible(exceeded))
-            return BudgetFit([sorted({0, k}) for k in coarsest])  # to be measured
-        least = self._least_tolerance(tolerance)
-        for reached in (least, SLACK * least):
-            for chosen in (self._cheapest(reached), self._useful(reached)):
-                if self.hold(chosen, reached):
-                    return BudgetFit(chosen, reached)
-        return BudgetFit(self.every, least)
+            return [sorted({0, k}) for k in coarsest], tolerance  # to be measured
+        if not self.hold(self.every, tolerance):
+            tolerance = SLACK * self._least_tolerance(tolerance)
+        return self._pruned(tolerance), tolerance
 
-    def _least_tolerance(self, tolerance: float) -> float:
-        """Return the least tolerance at which all candidates together hold the budget, pixels."""
+    def _least_tolerance(self, low: float) -> float:
+        """Return the least tolerance at which all candidates together hold the budget, pixels.
+
+        low: pixels, at which they do not.
+        """
         pairs = zip(self.groups, self.sightings, strict=True)
-        low = tolerance
         high = max(max(group.bounds) * seen.scale.max(initial=0.0) for group, seen in pairs)
         while high > PRECISE * low:
             middle = float(np.sqrt(low * high))
@@ -176,24 +162,31 @@ class BudgetSearch:
                 high = middle
             else:
                 low = middle
-        return max(high, low)
+        return high
 
-    def _useful(self, tolerance: float) -> list[list[int]]:
-        """Return the candidates of each group that agents use within the tolerance."""
-        return [
-            choose(counting(group, tolerance, shot), tolerance, shot.views, given=given)[0]
-            for group, shot, given in zip(self.groups, self.shots, self.given, strict=True)
-        ]
+    def _pruned(self, tolerance: float) -> list[list[int]]:
+        """Return the candidates without those that frames need not to hold the budget.
 
-    def _cheapest(self, tolerance: float) -> list[list[int]]:
-        """Return those of the useful candidates that cost least."""
-        keep = []
-        for g, useful in enumerate(self._useful(tolerance)):
-            shot = self.shots[g]
-            group = counting(self.groups[g], tolerance, shot)
-            by_cost = cheapest(group, useful, tolerance, shot, self.measured[g], self.given[g])
-            keep.append(by_cost[0])
-        return keep
+        The first to go are those that are not measured yet, and those that save least. The
+        characters, and LODs that artists gave, stay.
+        """
+        keep = [list(candidates) for candidates in self.every]
+        while True:
+            choices = []
+            for g, candidates in enumerate(keep):
+                for k in set(candidates[1:]).difference(self.given[g]):
+                    fewer = [
+                        *keep[:g],
+                        [other for other in candidates if other != k],
+                        *keep[g + 1 :],
+                    ]
+                    loads = self.loads(fewer, tolerance)
+                    if self.hold(fewer, tolerance):
+                        order = (k in self.measured[g], float(loads["triangles"].sum()), g, k)
+                        choices.append((order, fewer))
+            if not choices:
+                return keep
+            _, keep = min(choices)
 
 
 def _impossible(exceeded: dict[str, float]) -> str:

@@ -192,17 +192,20 @@ def choose_candidates(
     known_shots = [shot for shot in shots if shot is not None]
     if not known_shots or replace(limits.budget, memory=inf) == Budget():
         return choice
-    search = BudgetSearch(groups, known_shots, limits.budget, measured, given)
-    fit = search.fit(choice.keep, max(round(limits.tolerance, 6), choice.tolerance))
-    if not limits.memory or not fit.tolerance:
-        dropped = [{}] * len(groups) if fit.tolerance else choice.dropped
-        return replace(choice, keep=fit.keep, dropped=dropped, budget_tolerance=fit.tolerance)
+    views_of = [shot.views for shot in known_shots]
+    search = BudgetSearch(groups, views_of, limits.budget, measured, given)
+    keep, reached = search.fit(choice.keep, max(round(limits.tolerance, 6), choice.tolerance))
+    if keep == choice.keep:
+        return choice
+    raised = reached if reached > limits.tolerance else 0.0
+    if not limits.memory:
+        return replace(choice, keep=keep, dropped=[{}] * len(groups), budget_tolerance=raised)
     for step in range(STEPS):
-        raised = replace(limits, tolerance=fit.tolerance * 2 ** (step / 4))
-        choice = _choose_by_tolerance(raised, groups, shots, meters, measured, given)
-        reached = max(raised.tolerance, choice.tolerance)
-        if search.hold(choice.built, reached):
-            return replace(choice, tolerance=reached, budget_tolerance=reached)
+        wider = replace(limits, tolerance=reached * 2 ** (step / 4))
+        choice = _choose_by_tolerance(wider, groups, shots, meters, measured, given)
+        allowed = max(wider.tolerance, choice.tolerance)
+        if search.hold(choice.built, allowed):
+            return replace(choice, tolerance=allowed, budget_tolerance=allowed)
     raise CrowdError(
         "No LODs hold both the budget and Memory for Characters: raise one of them, or set it to 0."
     )

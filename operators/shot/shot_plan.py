@@ -248,9 +248,8 @@ def write_levels(folder: Path, planned: PlannedShot) -> None:
 def shot_json(planned: PlannedShot) -> dict[str, Any]:
     """Return what plan.json tells of the shot."""
     requested = requested_of(planned.request)
-    return shot_facts(
-        planned.report, planned.stored, requested, [each.as_json for each in planned.exemptions]
-    )
+    exceptions = [exemption.as_json for exemption in planned.exemptions]
+    return shot_facts(planned.report, planned.stored, requested, exceptions, planned.points)
 
 
 def requested_of(request: PlanRequest) -> dict[str, Any]:
