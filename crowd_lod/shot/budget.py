@@ -25,7 +25,7 @@ from .shot import (
     objective,
     shared_table,
 )
-from .shot_cost import NOTICED, Bill, Shot, bill, shown_by, work_in
+from .shot_cost import NOTICED, Bill, Shot, shown_by, work_in
 from .survey import SEEN, at_tolerance
 
 PRECISE = 1.002  # factor within which the least tolerance is found
@@ -278,7 +278,7 @@ class _Search:
 
         Returns their bill.
         """
-        plan_bill = bill(self.shot, levels)
+        plan_bill = Bill(self.shot, levels)
         paid = objective(plan_bill, self.weight)
         if paid < self.paid and self.limits.hold(self.shot, plan_bill.agents_shown):
             self.paid = paid

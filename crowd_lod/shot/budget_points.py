@@ -7,7 +7,7 @@ from math import inf
 from ..format import number
 from ..levels.budget_fit import LIMITED, Budget
 from .budget import relaxed
-from .shot_cost import Shot, bill
+from .shot_cost import Bill, Shot
 
 FACTORS = (1.0, 1.5, 2.0, 3.0, 5.0, 8.0)  # of the policy's tolerance
 
@@ -41,7 +41,7 @@ def find_points(
     for step, most in enumerate(pixels):
         yield step / len(pixels)
         wide = relaxed(shot, most)
-        least = bill(wide, wide.coarsest)
+        least = Bill(wide, wide.coarsest)
         point = BudgetPoint(
             least.error,
             float(least.triangles.max(initial=0)),

@@ -120,7 +120,7 @@ def plan_shot(args, command: list[str]) -> dict:
     forget_parts(folder)
     if args.scene is None:  # the open file goes on with it
         settings.shot_plan = str(folder / plan_file.NAME)
-        shot_plan.note_plan(settings, planned)
+        settings.use_shot_plan = True
     out = printable(folder)
     return {
         "out": out,

@@ -1,8 +1,7 @@
 """The shot plan: runs through the shot, decides on all its LODs, and stores them."""
 
-import json
 from collections.abc import Generator, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from functools import partial
 from math import inf, isfinite
 from pathlib import Path
@@ -299,13 +298,6 @@ def wanted_of(scene: bpy.types.Scene, folder: Path, frames: Sequence[int]) -> Pl
     )
 
 
-def note_plan(settings, planned: PlannedShot) -> None:
-    """Note in the settings, which follow the plan from now on, what the sidebar tells of it."""
-    settings.use_shot_plan = True
-    settings.shot_verdict = planned.report.verdict.sentence
-    settings.shot_budgets = json.dumps([astuple(point) for point in planned.points])
-
-
 def refuse_budget(scene: bpy.types.Scene) -> None:
     """Raise CrowdError if the scene's plan says that its budget is impossible.
 
@@ -341,7 +333,7 @@ def plan_of_settings(scene: bpy.types.Scene) -> Generator[float, None, str]:
         planned = yield from share(plan_shot(scene, request), 0.0, 0.99)
         yield from standing(write_plan(scene, part, planned, ["sidebar"]), 0.99)
     settings.shot_plan = f"{place}/{plan_file.NAME}"
-    note_plan(settings, planned)
+    settings.use_shot_plan = True
     note_output(scene, "plan", planned.report.verdict.sentence)
     return f"{sentence(planned)} The plan is in {place_of(folder)}."
 
@@ -369,7 +361,7 @@ class CROWDLOD_OT_remove_plan(Reporting, bpy.types.Operator):
 
     def run(self, context) -> str:
         settings = context.scene.crowd_lod
-        settings.shot_plan = settings.shot_verdict = settings.shot_budgets = ""
+        settings.shot_plan = ""
         return "LODs follow from distances again."
 
 

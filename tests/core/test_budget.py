@@ -19,7 +19,7 @@ from crowd_lod_extension.crowd_lod.shot.budget_points import (
     fitting_point,
 )
 from crowd_lod_extension.crowd_lod.shot.shot import decide, objective
-from crowd_lod_extension.crowd_lod.shot.shot_cost import Meshes, Shot, bill
+from crowd_lod_extension.crowd_lod.shot.shot_cost import Bill, Meshes, Shot
 from crowd_lod_extension.crowd_lod.shot.survey import SEEN, at_tolerance, empty
 
 from ..support.surveys import BOUNDS, TRIANGLES, pixels_of, sequences, some_shot
@@ -175,12 +175,12 @@ def test_plan_costs_no_more_than_a_greedy_and_errs_no_more(engine, part):
     shot = plaza(engine=engine)
     limit = between(shot, part)
     plan = finished(decide_within(shot, Budget(triangles=limit)))
-    rival = bill(shot, greedy(relaxed(shot, plan.tolerance), limit))
+    rival = Bill(shot, greedy(relaxed(shot, plan.tolerance), limit))
     assert rival.triangles.max() <= limit and plan.bill.triangles.max() <= limit
     assert objective(plan.bill, plan.weight) <= objective(rival, plan.weight)
     assert plan.bill.switches.sum() <= rival.switches.sum()
     # with all LODs free to choose from, too
-    free = bill(shot, greedy(relaxed(shot, 1e9), limit))
+    free = Bill(shot, greedy(relaxed(shot, 1e9), limit))
     assert plan.bill.error <= max(1.0, 1.002 * free.error)
 
 
@@ -255,7 +255,7 @@ def test_exceptions_hold_within_a_budget():
 @pytest.mark.parametrize("worst", [0, -5, nan, 1000, -inf])
 def test_impossible_budget_says_what_is_possible(worst):
     shot = plaza()
-    coarsest = bill(shot, np.full(shot.survey.kind.shape, 3, np.uint8))
+    coarsest = Bill(shot, np.full(shot.survey.kind.shape, 3, np.uint8))
     frame = coarsest.triangles.argmax()
     least = coarsest.triangles.max()
     with pytest.raises(
