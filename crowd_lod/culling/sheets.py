@@ -8,7 +8,7 @@ orthographic camera minus meters.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,6 +32,10 @@ class Grid:
     window: Window
     columns: int
     rows: int
+
+    def of_camera(self, camera: Camera) -> "Grid":
+        """Return the same cells of another camera's picture."""
+        return replace(self, window=camera.visible_window)
 
     @property
     def scale(self) -> np.ndarray:
@@ -223,7 +227,8 @@ def _picture(
     columns: (m, k, c), coordinates of each camera; last the rounding in meters.
     """
     pictures = [
-        _in_cells(columns[..., 3 * k : 3 * k + 3], camera, grid) for k, camera in enumerate(cameras)
+        _in_cells(columns[..., 3 * k : 3 * k + 3], camera, grid.of_camera(camera))
+        for k, camera in enumerate(cameras)
     ]
     first = pictures[0]
     moved = np.max([np.abs(there[..., :2] - first[..., :2]) for there in pictures], axis=0)
