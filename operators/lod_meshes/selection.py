@@ -22,6 +22,7 @@ from ...crowd_lod.levels.selection import (
     fit_in_memory,
     priced,
 )
+from ...crowd_lod.progress import standing
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_data
 from ..blender.cameras import cameras_at
@@ -74,7 +75,7 @@ def views(
     characters = characters_of(scene)
     gaits = trajectory.gaits
     library = cast_of(characters, trajectory)
-    cast = holdings_of(characters, trajectory, library)
+    cast = yield from standing(holdings_of(characters, trajectory, library), 0.0)
     first = library.first(gaits)
     moving = library.owner(gaits)[np.unique(cast.moved_as)]
     # the part of a group's characters with rigs: those of variants count where they are made

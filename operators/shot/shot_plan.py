@@ -131,7 +131,8 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
     )
     phases = yield from standing(aside(planning), SURVEYED)
     survey = recast(through.survey, phases.phases)
-    shot = _shot_of(scene, excepted(survey, exemptions))
+    reading = _shot_of(scene, excepted(survey, exemptions))
+    shot = yield from standing(reading, SURVEYED)
     deciding = steps_aside(decide_within(shot, request.budget, request.avoid))
     plan = yield from share(deciding, SURVEYED, DECIDED)
     report = yield from share(_report_on(scene, through, phases, shot, plan), DECIDED, 1.0)
@@ -151,12 +152,12 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
     return PlannedShot(shot, plan, stored, report, request, exemptions, points)
 
 
-def _shot_of(scene: bpy.types.Scene, survey: Survey) -> Shot:
-    """Return the shot of the scene that was surveyed."""
+def _shot_of(scene: bpy.types.Scene, survey: Survey) -> Generator[float, None, Shot]:
+    """Read the shot of the scene that was surveyed; yields the progress, returns the Shot."""
     trajectory = trajectory_of(scene)
     characters = characters_of(scene)
     library = cast_of(characters, trajectory)
-    cast = holdings_of(characters, trajectory, library)
+    cast = yield from holdings_of(characters, trajectory, library)
     is_used = np.zeros(len(survey.owner), bool)
     is_used[survey.character[survey.is_seen]] = True
     return Shot(
