@@ -14,6 +14,7 @@ from ...crowd_lod.progress import aside, share, standing
 from ..blender import scene_data
 from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED, remove_owned
+from ..characters.cast_provenance import reading_afresh
 from ..characters.characters import GROUP, Character, all_characters
 from ..characters.group_measuring import measuring_groups, stands
 from ..characters.stored_groups import store_groups
@@ -82,6 +83,7 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
         work = Workload()
         choice, guesses = yield from _chosen(scene, ladders, groups, shots, work)
         homes, edited = yield from _made(ladders, choice.keep, earlier, work)
+        yield from standing(reading_afresh(scene), 1.0)
         is_done = True
     except ReferenceError as error:  # by a script or another add-on, between two steps
         raise CrowdError(

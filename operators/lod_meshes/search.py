@@ -257,7 +257,7 @@ class Search:
             yield from standing(self._learn(objects, aim, measured[1] / USUAL), end)
             self._mend_left_out(aim)
         else:
-            objects = yield from standing(self._whole(), 1.0)
+            objects = yield from self._whole()
             measured = yield from standing(self._measure(objects, length), 1.0)
         for curve in self.curves:
             curve.source.weight = None

@@ -25,7 +25,7 @@ from ...crowd_lod.levels.selection import (
 from ...crowd_lod.progress import standing
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_data
-from ..blender.cameras import cameras_at
+from ..blender.cameras import reading_cameras
 from ..blender.machine_costs import costs_of
 from ..blender.named_actions import own_performance
 from ..characters.characters import check_measured
@@ -67,7 +67,7 @@ def views(
     frames = scene_data.frames_of(scene, settings.step)
     looked_at = spread_evenly(frames, MOST_FRAMES)
     bias = bias_of(settings)
-    cameras = cameras_at(scene, looked_at)
+    cameras = yield from standing(reading_cameras(scene, looked_at), 0.0)
     center, radius = (
         np.array([getattr(group, name) for group in trajectory.groups])
         for name in ("center", "radius")

@@ -33,11 +33,12 @@ from ...crowd_lod.shot.survey import Survey
 from ...crowd_lod.shot.switches import WORST, largest, noticed
 from ...crowd_lod.shot.unneeded import needed_meshes
 from ...crowd_lod.shot.verdict import verdict_of
-from ..blender import cameras, provenance, scene_data
+from ..blender import cameras, scene_data
 from ..blender.machine_costs import costs_of
 from ..blender.operator import Reporting, Stepwise
 from ..blender.output_folders import full_path, output_path, place_of
 from ..blender.output_index import note_output
+from ..characters.cast_provenance import reading_afresh
 from ..characters.group_measuring import measuring_groups
 from ..characters.holdings import holdings_of
 from ..characters.stored_groups import groups_of, store_groups
@@ -109,7 +110,7 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
             f"may add, such as 0.05."
         )
     check_recorded(scene, "Plan Shot")
-    provenance.look_afresh()
+    yield from standing(reading_afresh(scene), 0.0)
     yield from share(ready(scene), 0.0, READY)
     trajectory = trajectory_of(scene)
     policy = policy_of(scene.crowd_lod)
@@ -323,10 +324,11 @@ def possible_budgets(settings) -> tuple[BudgetPoint, ...]:
     return ()
 
 
-def refuse_budget(scene: bpy.types.Scene) -> None:
+def refuse_budget(scene: bpy.types.Scene) -> Generator[float, None, None]:
     """Raise CrowdError if the scene's plan says that its budget is impossible.
 
-    So a press that could only end with a no ends at once, and not after a look at all frames.
+    So a press that could only end with a no ends before all frames are planned. Yields the
+    progress.
     """
     settings = scene.crowd_lod
     points = possible_budgets(settings)
@@ -336,7 +338,7 @@ def refuse_budget(scene: bpy.types.Scene) -> None:
     stored = shot_reference.stored_plan(settings)
     same_frames = stored and stored.numbers.tolist() == list(scene_data.frames_of(scene))
     bias = bias_of(settings)
-    changes = shot_reference.changes_since_plan(
+    changes = yield from shot_reference.changes_since_plan(
         scene, trajectory_of(scene), policy_of(settings), bias
     )
     if same_frames and not changes:
@@ -350,7 +352,7 @@ def plan_of_settings(scene: bpy.types.Scene) -> Generator[float, None, str]:
     written at the end, all or none.
     """
     settings = scene.crowd_lod
-    refuse_budget(scene)
+    yield from standing(refuse_budget(scene), 0.0)
     place = output_path(scene, "plan")
     folder = full_path(place)
     with files.staged(folder, plan_file.NAME) as part:
