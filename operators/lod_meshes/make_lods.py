@@ -14,6 +14,7 @@ from ...crowd_lod.progress import aside, share, standing
 from ..blender import scene_data
 from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED, remove_owned
+from ..blender.unfinished import blocks_now, made_since
 from ..characters.cast_provenance import reading_afresh
 from ..characters.characters import GROUP, Character, all_characters
 from ..characters.group_measuring import measuring_groups, stands
@@ -76,7 +77,7 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
     # a linked copy begins with the LODs of the other scene, which stay that one's
     copied = scene_data.is_shared(scene, "levels")
     earlier = None if copied else settings.levels
-    before = set(bpy.data.user_map())
+    before = blocks_now()
     is_done = False
     try:
         ladders, groups, shots = yield from _read(scene, characters, earlier)
@@ -91,7 +92,7 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
         ) from error
     finally:
         if not is_done:
-            bpy.data.batch_remove([block for block in bpy.data.user_map() if block not in before])
+            bpy.data.batch_remove(made_since(before))
     for ladder, own in zip(ladders, homes, strict=True):
         ladder.settle(own)
     new = [ladder.name for ladder in ladders if ladder.new_homes]
@@ -271,7 +272,7 @@ def _made(
 
 
 def _linked(
-    homes: list, feet: list, earlier: bpy.types.Collection | None, before: set
+    homes: list, feet: list, earlier: bpy.types.Collection | None, before: frozenset[int]
 ) -> tuple[bpy.types.Collection, list]:
     """Link the groups' collections into those of the LODs; remove the earlier ones.
 
@@ -287,7 +288,9 @@ def _linked(
         for k, level in enumerate(levels):
             home = own[min(k, len(own) - 1)]
             home.instance_offset = offset
-            for other in earlier.children if earlier is not None and home in before else ():
+            for other in (
+                earlier.children if earlier is not None and home.session_uid in before else ()
+            ):
                 if home.name in other.children:
                     other.children.unlink(home)
             level.children.link(home)
@@ -296,17 +299,16 @@ def _linked(
     return top, levels
 
 
-def _named(names: list[str], homes: list, before: set) -> None:
+def _named(names: list[str], homes: list, before: frozenset[int]) -> None:
     """Mark what was not there `before` as this add-on's, and name it.
 
     names: of the groups; homes: their collections, by group, then LOD.
     """
-    for block in bpy.data.user_map():
-        if block not in before:
-            block[OWNED] = True
-            # The name is free again, now that the earlier LODs are gone. If another data-block has
-            # it, that one keeps it.
-            block.rename(re.sub(r"\.\d+$", "", block.name), mode="NEVER")
+    for block in made_since(before):
+        block[OWNED] = True
+        # The name is free again, now that the earlier LODs are gone. If another data-block has it,
+        # that one keeps it.
+        block.rename(re.sub(r"\.\d+$", "", block.name), mode="NEVER")
     for g, (name, own) in enumerate(zip(names, homes, strict=True)):
         for k, home in enumerate(own):
             home.rename(f"{g:03d} {name} LOD {k}", mode="NEVER")

@@ -3,11 +3,12 @@
 import bpy
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.shot.budget_points import budget_sentence
 from crowd_lod_extension.operators.shot.shot_plan import (
     budget_of,
-    plan_of_settings,
     possible_budgets,
+    refuse_budget,
 )
 
 from ..support.characters import character, new, tube
@@ -24,14 +25,14 @@ def planned(small_shot):
     return small_shot
 
 
-def test_a_press_that_could_only_say_no_looks_at_no_frame(planned):
+def test_a_press_that_could_only_say_no_plans_no_frame(planned):
     settings = planned.crowd_lod
     least = possible_budgets(settings)[-1].triangles
     settings.budget_triangles = int(least) - 1
     sentence = budget_sentence(possible_budgets(settings), budget_of(settings))
     assert f"Triangles from {least:,.0f} on" in sentence
     with pytest.raises(CrowdError, match="Impossible. Possible is Triangles from"):
-        next(plan_of_settings(planned))
+        finished(refuse_budget(planned))
     settings.budget_triangles = int(least)
     assert "FINISHED" in bpy.ops.crowd_lod.plan_shot()
 
@@ -41,7 +42,7 @@ def test_another_crowd_is_looked_at_again(planned):
     settings.budget_triangles = int(possible_budgets(settings)[-1].triangles) - 1
     settings.count = 1
     bpy.ops.crowd_lod.populate()
-    next(plan_of_settings(planned))
+    finished(refuse_budget(planned))
 
 
 def test_agents_at_full_detail_have_a_limit(planned):
