@@ -19,7 +19,7 @@ from .machine import machine_buttons, machine_settings, map_areas, map_painting,
 from .overlay import agent_picker, viewport_image, viewport_overlay
 from .render_setup import buttons, cost_estimate, frame_update
 from .runs import calibrate, open_report, preview, update_all, verify_button
-from .scene import populate, sample_menu, scene_crowd
+from .scene import plan_verdict, populate, sample_menu, scene_crowd
 from .settings import (
     area_settings,
     exception_settings,
@@ -97,7 +97,7 @@ HANDLERS = {
         frame_update.follow_points,
     ],
     "load_pre": [operator.stop_for_file, scene_cache.forget, frame_update.forget],
-    "load_post": [unfinished.clear, output_folders.after_opening],
+    "load_post": [unfinished.clear, output_folders.after_opening, plan_verdict.note_plan_files],
     "save_pre": [output_folders.before_saving],
     "save_post": [output_folders.after_saving],
     "save_post_fail": [output_folders.after_failed_saving],
@@ -126,6 +126,7 @@ HANDLERS = {
 FOLLOWERS = {
     "areas": lambda entry: map_areas.follow_soon(entry.id_data),
     "on_ground": scene_crowd.set_down,
+    "shot_plan": plan_verdict.note_plan_file,
 }
 _commands = []
 

@@ -22,6 +22,7 @@ from ..render_setup.buttons import check_blur, prepared
 from ..render_setup.cost_estimate import Estimate, estimate
 from ..render_setup.hidden_characters import notes_on_characters
 from ..render_setup.phase_characters import Cast
+from ..scene.plan_verdict import plan_verdict
 from ..scene.scene_crowd import policy_of, trajectory_of
 from ..scene.shot_reference import notes_on_shot
 from ..usd import export as usd
@@ -133,7 +134,9 @@ def build(args, command: list[str]) -> dict:
             name: len(item.data.vertices)
             for name, item in render_setup.points_of(scene.crowd_lod.build).items()
         }
+        verdict = plan_verdict(scene.crowd_lod) if args.bake else ""
         notes = [
+            verdict,
             tables.nobody_seen(points.values()),
             unplanned,
             render_setup.notes_on_cast(scene, cast),
@@ -160,6 +163,7 @@ def build(args, command: list[str]) -> dict:
         "costs": predicted.costs.basis,
         "load_seconds": round(seconds, 3),
         "image_bytes": cast.images,
+        "verdict": verdict,
         "summary": "\n".join(filter(None, lines)),
     }
 
@@ -246,11 +250,13 @@ def export(args, command: list[str]) -> dict:
     exported = finish(usd.export_usd(scene, wanted), f"export of {stem}", args.quiet)
     size = path.stat().st_size
     out = printable(path)
+    verdict = plan_verdict(scene.crowd_lod)
     facts: dict[str, Any] = {
         "agents": exported.agents,
         "prototypes": exported.prototypes,
         "phase_off": exported.off,
         "bytes": size,
+        "verdict": verdict,
     }
     line = f"{counted(len(frames), 'frame')}, {size / 1e6:,.1f} MB: {exported.sentence}"
     return {
@@ -258,7 +264,7 @@ def export(args, command: list[str]) -> dict:
         "frames": frames,
         **facts,
         "notes": exported.notes,
-        "summary": f"{line}\n{out}",
+        "summary": f"{line}\n{verdict}\n{out}",
     }
 
 

@@ -10,6 +10,7 @@ import bpy
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.crowd.bounding_spheres import cover_sizes
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import number
 from ...crowd_lod.progress import aside, share, standing
 from ..blender import scene_data
 from ..blender.operator import Stepwise
@@ -22,6 +23,7 @@ from ..characters.stored_groups import store_groups
 from ..machine.scene_world import check_maps
 from ..scene.scene_crowd import trajectory_of
 from ..settings import needs
+from ..settings.budgets import budget_of, limits_levels
 from ..sources.record_points import with_record
 from . import selection
 from .candidates import CANDIDATE, Ladder
@@ -36,11 +38,13 @@ class Outcome:
 
     new: those whose LOD meshes it made; unchanged: those whose it kept as they were; edited: of
     the new, the ones made again only because their LOD meshes had been edited or deleted.
+    budget_tolerance: pixels that LODs must be allowed for the budget; 0 for no more than is set.
     """
 
     new: tuple[str, ...]
     unchanged: tuple[str, ...]
     edited: tuple[str, ...]
+    budget_tolerance: float = 0.0
 
     @property
     def sentence(self) -> str:
@@ -53,6 +57,11 @@ class Outcome:
             parts.append(
                 f"Made again, because they were edited or deleted by hand: "
                 f"{', '.join(self.edited)}."
+            )
+        if self.budget_tolerance:
+            parts.append(
+                f"To hold the budget, Plan Shot will let LODs deviate by up to about "
+                f"{number(self.budget_tolerance)} pixels."
             )
         return " ".join(parts)
 
@@ -111,11 +120,12 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
     settings.memory_tolerance = choice.tolerance
     settings.memory_made = settings.memory
     settings.estimate = ""
+    settings.shot_budgets = ""  # they rest on the LODs that there were
     _store(settings, ladders, groups, homes, len(levels))
     for entry, finest in zip(settings.groups, choice.finest, strict=True):
         entry.finest = finest
     yield 1.0
-    return Outcome(tuple(new), tuple(unchanged), tuple(edited))
+    return Outcome(tuple(new), tuple(unchanged), tuple(edited), choice.budget_tolerance)
 
 
 def _show_nowhere(scene: bpy.types.Scene, top: bpy.types.Collection) -> None:
@@ -170,6 +180,7 @@ def _read(
             reaches[name] = ladder.reach
     groups = yield from share(measuring_groups(scene, reaches), 0.3 * READ, 0.65 * READ)
     shots = [None] * len(groups)
+    is_limited = bool(settings.memory) or limits_levels(settings)
     if settings.choice == "BY_TOLERANCE":
         frames = scene_data.frames_of(scene)
         looking = with_record(
@@ -183,7 +194,7 @@ def _read(
             if goal in ladder.goals and goal not in ladder.measured.rows:
                 yield from standing(ladder.measure(goal), begin)
         if shot is not None:
-            ladder.aim(group, shot.views, round(settings.tolerance, 6), bool(settings.memory))
+            ladder.aim(group, shot.views, round(settings.tolerance, 6), is_limited)
     return ladders, groups, shots
 
 
@@ -200,7 +211,7 @@ def _chosen(
     are measured. Returns the choice, and the groups with values of all their candidates.
     """
     settings = scene.crowd_lod
-    limits = selection.Limits(settings.tolerance, settings.memory)
+    limits = selection.Limits(settings.tolerance, settings.memory, budget_of(settings))
     choice = None
     guesses = []
     missing = True

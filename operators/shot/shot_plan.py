@@ -1,9 +1,7 @@
 """The shot plan: runs through the shot, decides on all its LODs, and stores them."""
 
-import json
 from collections.abc import Generator, Sequence
-from contextlib import suppress
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from functools import partial
 from math import inf, isfinite
 from pathlib import Path
@@ -16,6 +14,7 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, number, printable
 from ...crowd_lod.frame.planned import PINNED, camera_of
 from ...crowd_lod.levels.assignment import deviations
+from ...crowd_lod.levels.budget_fit import Budget
 from ...crowd_lod.progress import aside, share, standing, steps_aside
 from ...crowd_lod.reporting import files, tables
 from ...crowd_lod.reporting.shot_json import shot_facts
@@ -23,7 +22,7 @@ from ...crowd_lod.reporting.shot_page import shot_page
 from ...crowd_lod.reporting.shot_report import ShotReport
 from ...crowd_lod.reporting.switch_figures import png_of
 from ...crowd_lod.shot import plan_file
-from ...crowd_lod.shot.budget import Budget, BudgetPlan, decide_within
+from ...crowd_lod.shot.budget import BudgetPlan, decide_within
 from ...crowd_lod.shot.budget_points import BudgetPoint, budget_sentence, find_points, fitting_point
 from ...crowd_lod.shot.coloring import VARIETY, PhasePlan, plan_phases, recast, strides_of
 from ...crowd_lod.shot.curve import curve_of
@@ -52,6 +51,7 @@ from ..scene import shot_reference
 from ..scene.scene_crowd import characters_of, policy_of, trajectory_of
 from ..scene.shot_exceptions import exemptions_of
 from ..settings import needs
+from ..settings.budgets import budget_of, possible_budgets
 from ..sources.crowd_sources import check_recorded
 from .scene_json import scene_json
 from .shot_survey import SurveyedShot, survey_of
@@ -249,9 +249,8 @@ def write_levels(folder: Path, planned: PlannedShot) -> None:
 def shot_json(planned: PlannedShot) -> dict[str, Any]:
     """Return what plan.json tells of the shot."""
     requested = requested_of(planned.request)
-    return shot_facts(
-        planned.report, planned.stored, requested, [each.as_json for each in planned.exemptions]
-    )
+    exceptions = [exemption.as_json for exemption in planned.exemptions]
+    return shot_facts(planned.report, planned.stored, requested, exceptions, planned.points)
 
 
 def requested_of(request: PlanRequest) -> dict[str, Any]:
@@ -288,15 +287,6 @@ def sentence(planned: PlannedShot) -> str:
     )
 
 
-def budget_of(settings) -> Budget:
-    """Return the budget that the settings give; 0 is no limit."""
-    return Budget(
-        triangles=settings.budget_triangles or inf,
-        memory=1e6 * round(settings.budget_memory, 3) or inf,
-        finest=settings.budget_finest or None,
-    )
-
-
 def wanted_of(scene: bpy.types.Scene, folder: Path, frames: Sequence[int]) -> PlanRequest:
     """Return what the scene's settings ask of a plan of the `frames`."""
     settings = scene.crowd_lod
@@ -308,20 +298,6 @@ def wanted_of(scene: bpy.types.Scene, folder: Path, frames: Sequence[int]) -> Pl
         blurred=settings.plan_blurred,
         variety=round(settings.variety, 6),
     )
-
-
-def note_plan(settings, planned: PlannedShot) -> None:
-    """Note in the settings, which follow the plan from now on, what the sidebar tells of it."""
-    settings.use_shot_plan = True
-    settings.shot_verdict = planned.report.verdict.sentence
-    settings.shot_budgets = json.dumps([astuple(point) for point in planned.points])
-
-
-def possible_budgets(settings) -> tuple[BudgetPoint, ...]:
-    """Return what the planned shot takes at the least; nothing without a plan."""
-    with suppress(ValueError, TypeError):  # a script may have put anything there
-        return tuple(BudgetPoint(*map(float, row)) for row in json.loads(settings.shot_budgets))
-    return ()
 
 
 def refuse_budget(scene: bpy.types.Scene) -> Generator[float, None, None]:
@@ -360,7 +336,7 @@ def plan_of_settings(scene: bpy.types.Scene) -> Generator[float, None, str]:
         planned = yield from share(plan_shot(scene, request), 0.0, 0.99)
         yield from standing(write_plan(scene, part, planned, ["sidebar"]), 0.99)
     settings.shot_plan = f"{place}/{plan_file.NAME}"
-    note_plan(settings, planned)
+    settings.use_shot_plan = True
     note_output(scene, "plan", planned.report.verdict.sentence)
     return f"{sentence(planned)} The plan is in {place_of(folder)}."
 
@@ -388,7 +364,7 @@ class CROWDLOD_OT_remove_plan(Reporting, bpy.types.Operator):
 
     def run(self, context) -> str:
         settings = context.scene.crowd_lod
-        settings.shot_plan = settings.shot_verdict = settings.shot_budgets = ""
+        settings.shot_plan = ""
         return "LODs follow from distances again."
 
 
