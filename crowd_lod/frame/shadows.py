@@ -64,6 +64,11 @@ class Surroundings:
     glows: tuple[bool, ...] = ()
 
 
+def surrounded(planning: Callable[[], Frame], around: Surroundings) -> Frame:
+    """Return the frame that `planning` plans, surrounded; see `surround`."""
+    return surround(planning(), around)
+
+
 def surround(frame: Frame, around: Surroundings) -> Frame:
     """Return `frame` without the agents that scenery hides, and with those that still matter.
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..shot.budget import BudgetPlan
+from ..shot.budget_points import BudgetPoint
 from ..shot.curve import of_full_detail
 from ..shot.plan_file import StoredPlan
 from ..shot.shot_cost import Bill, Shot
@@ -20,12 +21,14 @@ def shot_facts(
     stored: StoredPlan,
     requested: Mapping[str, Any],
     exceptions: Sequence[dict[str, Any]],
+    points: Sequence[BudgetPoint] = (),
 ) -> dict[str, Any]:
     """Return the fields `preview`, `left_out`, `frames`, `made_for` and `shot` of plan.json.
 
     They hold no times, so that two runs give the same file.
     requested: the settings of the plan: Extra Cost for Fewer Pops, and the budget.
     exceptions: as plain data.
+    points: which budgets are possible, by the pixels that LODs may deviate.
     """
     plan = report.plan
     shot = report.shot
@@ -50,6 +53,7 @@ def shot_facts(
             "plan": _totals(shot, plan.bill),
             "thresholds": _totals(shot, plan.thresholds),
             "curve": asdict(report.curve),
+            "possible_budgets": [asdict(point) for point in points],
             "exceptions": list(exceptions),
             "phases": {
                 "in_step": report.phases.in_step,

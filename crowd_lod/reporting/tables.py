@@ -15,6 +15,7 @@ from ..frame.frame import Frame
 from ..shot.switches import NOTHING
 
 PLAN_VERSION = 2  # of plan.json
+SHEET = (24, 24, 24, 255)  # sRGB, between the pictures of a contact sheet
 
 
 def nobody_seen(counts: Iterable[int]) -> str:
@@ -150,7 +151,7 @@ def contact_sheet(pictures: list[np.ndarray], columns: int, gap: int = 6) -> np.
     height, width = (max(p.shape[axis] for p in pictures) for axis in (0, 1))
     rows = -(-len(pictures) // columns)
     sheet = np.zeros((rows * (height + gap) + gap, columns * (width + gap) + gap, 4), np.uint8)
-    sheet[:] = (24, 24, 24, 255)
+    sheet[:] = SHEET
     for number, picture in enumerate(pictures):
         row, column = divmod(number, columns)
         bottom = (rows - 1 - row) * (height + gap) + gap

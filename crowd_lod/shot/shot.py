@@ -198,7 +198,7 @@ class Limit:
     thresholds: what the LODs cost that the policy gives frame by frame.
     levels: (F, n) uint8, the cheapest LODs that are known.
     cheapest: what they cost, or `thresholds` where one LOD a character costs more.
-    avoid: the part by which a plan may cost more than the cheapest.
+    avoid: what a plan may cost more than the cheapest, as a part of what the thresholds' LODs do.
     """
 
     thresholds: Bill
@@ -208,7 +208,7 @@ class Limit:
 
     def holds(self, found: Bill) -> bool:
         """Return whether a plan may cost as much as `found`."""
-        return found.above(self.cheapest) <= self.avoid
+        return found.above(self.cheapest, self.thresholds) <= self.avoid
 
 
 def _limit(shot: Shot, avoid: float) -> Limit:

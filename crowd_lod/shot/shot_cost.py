@@ -272,14 +272,18 @@ class Bill:
         """All switches in sight, in pixels."""
         return float(self.pixels.sum() + NOTICED * self.switches.sum())
 
-    def above(self, other: "Bill") -> float:
-        """Return by which part this costs more than `other`: in time, memory or instances."""
-        pairs = (
-            (self.price.seconds, other.price.seconds),
-            (self.price.memory, other.price.memory),
-            (self.instanced, other.instanced),
+    def above(self, other: "Bill", whole: "Bill | None" = None) -> float:
+        """Return what this costs more than `other`, in time, memory or instances.
+
+        As a part of what `whole` costs, or `other`: the largest of the three.
+        """
+        whole = whole or other
+        costs = (
+            (self.price.seconds, other.price.seconds, whole.price.seconds),
+            (self.price.memory, other.price.memory, whole.price.memory),
+            (self.instanced, other.instanced, whole.instanced),
         )
-        return max(own / least - 1 if least > 0 else 0.0 for own, least in pairs)
+        return max((own - least) / total if total > 0 else 0.0 for own, least, total in costs)
 
 
 def _by_frame(measure: Callable[[int], Any], frames: int) -> list[Any]:

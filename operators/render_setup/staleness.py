@@ -38,8 +38,7 @@ _known: dict[int, tuple[float, list[str]]] = scene_cache.add_cache({}, by_scene=
 
 
 def note_build(scene: bpy.types.Scene) -> None:
-    """Store in the scene's build what it was made for."""
-    provenance.look_afresh()
+    """Store in the scene's build what it was made for, as cast_provenance has read it afresh."""
     provenance.keep(scene.crowd_lod.build, MADE_FOR, _now(scene))
     _known.pop(scene.session_uid, None)
 

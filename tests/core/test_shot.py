@@ -5,7 +5,13 @@ import hashlib
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.crowd_lod.shot.shot import by_character, decide, decided, lower_bound
+from crowd_lod_extension.crowd_lod.shot.shot import (
+    Limit,
+    by_character,
+    decide,
+    decided,
+    lower_bound,
+)
 from crowd_lod_extension.crowd_lod.shot.shot_cost import Bill
 from crowd_lod_extension.crowd_lod.shot.survey import SEEN
 
@@ -177,6 +183,16 @@ def test_avoid_is_kept(engine, avoid):
         ):
             assert own <= least * (1 + avoid) * (1 + 1e-12)
         assert plan.bill.pixels.sum() <= plan.thresholds.pixels.sum()
+
+
+def test_what_a_plan_may_cost_more_is_a_part_of_what_thresholds_cost():
+    """Else memory that agents of a class save by one LOD leaves a plan no room to avoid pops."""
+    shot = some_shot(3, agents=10)
+    cheapest = Bill(shot, shot.survey.coarsest)
+    dear = Bill(shot, np.zeros_like(shot.survey.coarsest))
+    more = dear.above(cheapest)
+    assert not Limit(cheapest, shot.survey.coarsest, cheapest, 0.9 * more).holds(dear)
+    assert Limit(dear, shot.survey.coarsest, cheapest, 0.9 * more).holds(dear)
 
 
 def test_plan_is_the_same_on_every_python():
