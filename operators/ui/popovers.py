@@ -12,7 +12,7 @@ from ..characters.take_action import TAKE_ACTION
 from ..lod_meshes.level_objects import GIVEN
 from ..overlay import viewport_overlay
 from ..overlay.hud import STAGES, describe, share
-from ..shot.shot_plan import budget_of, possible_budgets
+from ..settings.budgets import budget_of, possible_budgets
 from . import steps
 from .drawing import LOD_COLORS, MOST_ROWS, button, distance, label, paragraph, table
 

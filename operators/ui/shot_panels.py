@@ -10,7 +10,7 @@ from ..overlay import viewport_overlay
 from ..render_setup import staleness
 from ..render_setup.render_setup import BAKED, baked_of
 from ..render_setup.view_layers import layers_of
-from ..shot.shot_plan import budget_of, possible_budgets
+from ..settings.budgets import budget_of, possible_budgets
 from ..sources.hand_edits import EDITS
 from . import steps
 from .drawing import active_column, button, label, letters_of, limit, paragraph, table, wide
