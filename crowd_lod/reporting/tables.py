@@ -41,6 +41,11 @@ def row(number: int, frame: Frame, more: dict[str, float]) -> dict[str, int | fl
         for name, b in (("shadow", frame.shadow), ("mirrored", frame.mirrored))
         if b is not None
     }
+    if frame.hidden is not None:
+        hidden = frame.hidden.copy()
+        for buckets in filter(None, (frame.shadow, frame.mirrored)):
+            hidden[buckets.order] = False
+        unseen["hidden"] = int(hidden.sum())
     stages = {f"{name}_ms": round(ms, 3) for name, ms in (frame.milliseconds | more).items()}
     return {
         "frame": number,

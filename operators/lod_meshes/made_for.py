@@ -112,7 +112,6 @@ def note_shot(
     keep: for each group, the candidates that it has.
     """
     top = scene.crowd_lod.levels
-    provenance.look_afresh()
     provenance.keep(top, MADE_FOR, _facts(scene) | of_characters(cast_inputs(scene)))
     top[CHOSEN_FROM] = json.dumps(
         {

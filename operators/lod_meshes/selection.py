@@ -25,9 +25,10 @@ from ...crowd_lod.levels.selection import (
     fit_in_memory,
     priced,
 )
+from ...crowd_lod.progress import standing
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_data
-from ..blender.cameras import cameras_at
+from ..blender.cameras import reading_cameras
 from ..blender.machine_costs import costs_of
 from ..blender.named_actions import own_performance
 from ..characters.characters import check_measured
@@ -73,7 +74,7 @@ def views(
     else:
         looked_at = spread_evenly(scene_data.frames_of(scene, settings.step), MOST_FRAMES)
     bias = bias_of(settings)
-    cameras = cameras_at(scene, looked_at)
+    cameras = yield from standing(reading_cameras(scene, looked_at), 0.0)
     center, radius = (
         np.array([getattr(group, name) for group in trajectory.groups])
         for name in ("center", "radius")
@@ -81,7 +82,7 @@ def views(
     characters = characters_of(scene)
     gaits = trajectory.gaits
     library = cast_of(characters, trajectory)
-    cast = holdings_of(characters, trajectory, library)
+    cast = yield from standing(holdings_of(characters, trajectory, library), 0.0)
     first = library.first(gaits)
     moving = library.owner(gaits)[np.unique(cast.moved_as)]
     # the part of a group's characters with rigs: those of variants count where they are made

@@ -32,11 +32,12 @@ from ...crowd_lod.shot.survey import Survey
 from ...crowd_lod.shot.switches import WORST, largest, noticed
 from ...crowd_lod.shot.unneeded import needed_meshes
 from ...crowd_lod.shot.verdict import verdict_of
-from ..blender import cameras, provenance, scene_data
+from ..blender import cameras, scene_data
 from ..blender.machine_costs import costs_of
 from ..blender.operator import Reporting, Stepwise
 from ..blender.output_folders import full_path, output_path, place_of
 from ..blender.output_index import note_output
+from ..characters.cast_provenance import reading_afresh
 from ..characters.group_measuring import measuring_groups
 from ..characters.holdings import holdings_of
 from ..characters.stored_groups import groups_of, store_groups
@@ -109,7 +110,7 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
             f"may add, such as 0.05."
         )
     check_recorded(scene, "Plan Shot")
-    provenance.look_afresh()
+    yield from standing(reading_afresh(scene), 0.0)
     yield from share(ready(scene), 0.0, READY)
     trajectory = trajectory_of(scene)
     policy = policy_of(scene.crowd_lod)
@@ -131,7 +132,8 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
     )
     phases = yield from standing(aside(planning), SURVEYED)
     survey = recast(through.survey, phases.phases)
-    shot = _shot_of(scene, excepted(survey, exemptions))
+    reading = _shot_of(scene, excepted(survey, exemptions))
+    shot = yield from standing(reading, SURVEYED)
     deciding = steps_aside(decide_within(shot, request.budget, request.avoid))
     plan = yield from share(deciding, SURVEYED, DECIDED)
     report = yield from share(_report_on(scene, through, phases, shot, plan), DECIDED, 1.0)
@@ -151,12 +153,12 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
     return PlannedShot(shot, plan, stored, report, request, exemptions, points)
 
 
-def _shot_of(scene: bpy.types.Scene, survey: Survey) -> Shot:
-    """Return the shot of the scene that was surveyed."""
+def _shot_of(scene: bpy.types.Scene, survey: Survey) -> Generator[float, None, Shot]:
+    """Read the shot of the scene that was surveyed; yields the progress, returns the Shot."""
     trajectory = trajectory_of(scene)
     characters = characters_of(scene)
     library = cast_of(characters, trajectory)
-    cast = holdings_of(characters, trajectory, library)
+    cast = yield from holdings_of(characters, trajectory, library)
     is_used = np.zeros(len(survey.owner), bool)
     is_used[survey.character[survey.is_seen]] = True
     return Shot(
@@ -298,10 +300,11 @@ def wanted_of(scene: bpy.types.Scene, folder: Path, frames: Sequence[int]) -> Pl
     )
 
 
-def refuse_budget(scene: bpy.types.Scene) -> None:
+def refuse_budget(scene: bpy.types.Scene) -> Generator[float, None, None]:
     """Raise CrowdError if the scene's plan says that its budget is impossible.
 
-    So a press that could only end with a no ends at once, and not after a look at all frames.
+    So a press that could only end with a no ends before all frames are planned. Yields the
+    progress.
     """
     settings = scene.crowd_lod
     points = possible_budgets(settings)
@@ -311,7 +314,7 @@ def refuse_budget(scene: bpy.types.Scene) -> None:
     stored = shot_reference.stored_plan(settings)
     same_frames = stored and stored.numbers.tolist() == list(scene_data.frames_of(scene))
     bias = bias_of(settings)
-    changes = shot_reference.changes_since_plan(
+    changes = yield from shot_reference.changes_since_plan(
         scene, trajectory_of(scene), policy_of(settings), bias
     )
     if same_frames and not changes:
@@ -325,7 +328,7 @@ def plan_of_settings(scene: bpy.types.Scene) -> Generator[float, None, str]:
     written at the end, all or none.
     """
     settings = scene.crowd_lod
-    refuse_budget(scene)
+    yield from standing(refuse_budget(scene), 0.0)
     place = output_path(scene, "plan")
     folder = full_path(place)
     with files.staged(folder, plan_file.NAME) as part:

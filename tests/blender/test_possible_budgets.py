@@ -13,8 +13,8 @@ from crowd_lod_extension.operators.lod_meshes.made_for import MADE_FOR, changed
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.settings.budgets import budget_of, possible_budgets
 from crowd_lod_extension.operators.shot.shot_plan import (
-    plan_of_settings,
     plan_shot,
+    refuse_budget,
     shot_json,
     wanted_of,
 )
@@ -33,19 +33,19 @@ def planned(small_shot):
     return small_shot
 
 
-def test_a_press_that_could_only_say_no_looks_at_no_frame(planned):
+def test_a_press_that_could_only_say_no_plans_no_frame(planned):
     settings = planned.crowd_lod
     least = possible_budgets(settings)[-1].triangles
     settings.budget_triangles = int(least) - 1
     sentence = budget_sentence(possible_budgets(settings), budget_of(settings))
     assert f"Triangles from {least:,.0f} on" in sentence
     with pytest.raises(CrowdError, match="Impossible. Possible is Triangles from"):
-        next(plan_of_settings(planned))
+        finished(refuse_budget(planned))
     settings.budget_finest = 1
     assert budget_of(settings).finest == 1
     settings.count = 1
     bpy.ops.crowd_lod.populate()
-    next(plan_of_settings(planned))  # another crowd is looked at again
+    finished(refuse_budget(planned))  # another crowd is looked at again
     bpy.ops.crowd_lod.remove_plan()
     assert possible_budgets(settings) == ()
 
