@@ -192,6 +192,14 @@ class CROWDLOD_PT_behavior(Step, bpy.types.Panel):
         label(layout, MOVERS.get(settings.source, about), "INFO")
 
 
+class CROWDLOD_PT_behavior_advanced(Step, bpy.types.Panel):
+    bl_label = "Advanced"
+    bl_parent_id = "CROWDLOD_PT_behavior"
+
+    def body(self, context, layout, settings) -> None:
+        active_column(layout, settings.source != "POINTS").prop(settings, "first_frame")
+
+
 class CROWDLOD_PT_heights(Step, bpy.types.Panel):
     bl_label = "Ground"
     bl_parent_id = "CROWDLOD_PT_behavior"
@@ -239,7 +247,7 @@ class CROWDLOD_PT_culling(Step, bpy.types.Panel):
 
 
 class CROWDLOD_PT_levels(Step, bpy.types.Panel):
-    bl_label = "Levels of Detail"
+    bl_label = "LOD Meshes"
     step = "levels"
     main = ("crowd_lod.make_levels", "Make")
 
@@ -393,6 +401,7 @@ CLASSES = (
     CROWDLOD_PT_crowd_advanced,
     CROWDLOD_PT_samples,
     CROWDLOD_PT_behavior,
+    CROWDLOD_PT_behavior_advanced,
     CROWDLOD_PT_heights,
     CROWDLOD_PT_simulation,
     CROWDLOD_PT_camera,
