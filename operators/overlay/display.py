@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...crowd_lod.crowd.leave_outs import LeftOut
 from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.culling.occluders import Occluders
 from ...crowd_lod.errors import CrowdError
@@ -74,6 +75,7 @@ class _View:
     """What the next frame of a viewport is made from, besides the crowd.
 
     occluders: scenery that may hide agents from the scene's camera; None hides nobody.
+    refused: why other scenery may not.
     region: the viewport's region if its own view plans the crowd; None if the scene's camera does.
     eyes: the cameras that the plan is for.
     shutter: read_shutter's answer; () without motion blur, or while it is not known.
@@ -90,6 +92,7 @@ class _View:
     notes: tuple[str, ...]
     inputs: tuple
     occluders: Occluders | None = None
+    refused: tuple[LeftOut, ...] = ()
 
 
 def _view_of(context) -> _View:
@@ -104,9 +107,9 @@ def _view_of(context) -> _View:
     shutter: tuple = ()
     if region is None and not live(settings):
         key, shutter = open_shutter(scene, time, eyes)
-    occluders = None
+    occluders, refused = None, ()
     if region is None and settings.occlusion:
-        occluders = occluders_of(scene, scenery_of(scene, depsgraph), depsgraph, (), None)[0]
+        occluders, refused = occluders_of(scene, scenery_of(scene, depsgraph), depsgraph, (), None)
     style, characters, notes = style_of(scene, policy.count)
     notes = missing_groups(settings) or notes  # LODs are made for the names that Populate gives
     inputs = (
@@ -135,6 +138,7 @@ def _view_of(context) -> _View:
         notes,
         inputs,
         occluders,
+        refused,
     )
 
 
@@ -204,7 +208,8 @@ def _plan_frame(settings, view: _View, trajectory: Trajectory, bias: Bias | None
     request = Request(
         time=view.time, eyes=view.eyes, policy=view.policy, shutter=view.shutter, bias=bias
     )
-    return use.applied(hide(_faster.plan_of(trajectory, request), view.occluders)[0])
+    frame, _ = hide(_faster.plan_of(trajectory, request), view.occluders)
+    return use.applied(replace(frame, left_out=(*frame.left_out, *view.refused)))
 
 
 def _upload(
