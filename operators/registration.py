@@ -17,7 +17,7 @@ from .cli import commands
 from .lod_meshes import deviation, make_lods
 from .machine import machine_buttons, machine_settings, map_areas, map_painting, state_machine_menu
 from .overlay import agent_picker, viewport_image, viewport_overlay
-from .render_setup import buttons, cost_estimate, frame_update
+from .render_setup import aovs, buttons, cost_estimate, frame_update
 from .runs import calibrate, open_report, preview, update_all, verify_button
 from .scene import plan_verdict, populate, sample_menu, scene_crowd
 from .settings import (
@@ -76,6 +76,7 @@ MODULES = (
     open_report,
     viewport_image,
     buttons,
+    aovs,
     export_button,
     agent_picker,
     presets,

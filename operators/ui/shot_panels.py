@@ -247,11 +247,12 @@ class CROWDLOD_PT_view_layers(Step, bpy.types.Panel):
 
     @classmethod
     def poll(cls, context) -> bool:
-        return context.scene.crowd_lod.build is not None and len(context.scene.view_layers) > 1
+        return context.scene.crowd_lod.build is not None
 
     def body(self, context, layout, settings) -> None:
         for name, place in layers_of(context.scene).items():
             layout.prop(place, "exclude", text=name, invert_checkbox=True, translate=False)
+        layout.operator("crowd_lod.add_aovs", icon="RENDERLAYERS")
 
 
 class CROWDLOD_PT_export(Step, bpy.types.Panel):

@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.frame.hidden import hidden_wholly
 from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.crowd_lod.shot.survey import HIDDEN
 from crowd_lod_extension.operators.render_setup.cost_estimate import estimate
 from crowd_lod_extension.operators.scene.lights import read_surroundings
-from crowd_lod_extension.operators.scene.scene_crowd import frame_of
+from crowd_lod_extension.operators.scene.scene_crowd import frame_of, policy_of
 from crowd_lod_extension.operators.scene.scene_occluders import scenery_digest
+from crowd_lod_extension.operators.scene.shot_reference import plan_inputs
+from crowd_lod_extension.operators.shot.shot_survey import survey_of
 from crowd_lod_extension.sample_scenes.scenery import add, box, material, tile
 from mathutils import Vector
 from mathutils.bvhtree import BVHTree
@@ -179,3 +182,17 @@ def test_estimate_tells_the_gain_and_the_digest_the_scenery(street):
     settings.occlusion = False
     assert "Scenery" not in finished(estimate(street, settings, [1])).sentence
     assert scenery_digest(street) == {}
+
+
+def test_a_plan_knows_who_is_hidden(street):
+    """Nobody hidden asks for a LOD, and plan and frames agree on who that is."""
+    survey = finished(survey_of(street, [1, 2])).survey
+    hidden = survey.kind == HIDDEN
+    for f, number in enumerate((1, 2)):
+        street.frame_set(number)
+        frame = planned(street)
+        assert hidden_wholly(frame) == hidden[f].sum() > 0
+        assert set(frame.buckets.order) == set(np.flatnonzero(survey.is_seen[f]))
+    assert not survey.scale[hidden].any()
+    inputs = plan_inputs(street.crowd_lod, frame.trajectory, policy_of(street.crowd_lod), None)
+    assert "the scenery" in inputs
