@@ -13,10 +13,12 @@ from ..blender.labeled_properties import (
 )
 from ..blender.output_folders import BLEND_NAME
 from .exception_settings import CrowdLodException
+from .setting_changes import settings_changed
 
 COLORS = (
     ("LOD", "By LOD", "Red, green, blue from near to far"),
     ("MATERIAL", "Materials", "The characters' own materials"),
+    ("ERROR", "By Error", "How many pixels an agent's LOD may be off: green to red"),
 )
 
 
@@ -99,6 +101,7 @@ class PlanSettings:
         name="Shot Plan",
         subtype="FILE_PATH",
         options={"PATH_SUPPORTS_BLEND_RELATIVE"},
+        update=settings_changed("shot_plan"),
         description="File with the LODs of every character in every frame, as Plan Shot made it; "
         "none takes LODs by distance",
     )
