@@ -19,7 +19,7 @@ from .machine import machine_buttons, machine_settings, map_areas, map_painting,
 from .overlay import agent_picker, viewport_image, viewport_overlay
 from .render_setup import aovs, buttons, cost_estimate, frame_update
 from .runs import calibrate, open_report, preview, update_all, verify_button
-from .scene import plan_verdict, populate, sample_menu, scene_crowd
+from .scene import plan_verdict, populate, sample_menu, scene_crowd, walls_button
 from .settings import (
     area_settings,
     exception_settings,
@@ -59,6 +59,7 @@ MODULES = (
     machine_buttons,
     map_painting,
     populate,
+    walls_button,
     simulate,
     record_points,
     characters_from_selection,
