@@ -8,6 +8,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.frame.hidden import hidden_wholly
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.shot.survey import HIDDEN
+from crowd_lod_extension.operators.overlay.agent_colors import by_reason
 from crowd_lod_extension.operators.render_setup.cost_estimate import estimate
 from crowd_lod_extension.operators.scene.lights import read_surroundings
 from crowd_lod_extension.operators.scene.scene_crowd import frame_of, policy_of
@@ -194,5 +195,9 @@ def test_a_plan_knows_who_is_hidden(street):
         assert hidden_wholly(frame) == hidden[f].sum() > 0
         assert set(frame.buckets.order) == set(np.flatnonzero(survey.is_seen[f]))
     assert not survey.scale[hidden].any()
+    colors = by_reason(frame)
+    names = {colors.names[index] for index in colors.index[frame.hidden]}
+    assert names == {"Hidden by scenery"}
+    assert len(colors.palette) > colors.index.max()
     inputs = plan_inputs(street.crowd_lod, frame.trajectory, policy_of(street.crowd_lod), None)
     assert "the scenery" in inputs
