@@ -14,10 +14,11 @@ from .blender import (
 )
 from .characters import characters_from_selection, give_lod, prop_button, take_action
 from .cli import commands
+from .hand_over import farm_job, sizes
 from .lod_meshes import deviation, make_lods
 from .machine import machine_buttons, machine_settings, map_areas, map_painting, state_machine_menu
 from .overlay import agent_picker, viewport_image, viewport_overlay
-from .render_setup import buttons, cost_estimate, frame_update
+from .render_setup import buttons, frame_update
 from .runs import calibrate, open_report, preview, update_all, verify_button
 from .scene import plan_verdict, populate, sample_menu, scene_crowd
 from .settings import (
@@ -67,7 +68,7 @@ MODULES = (
     take_action,
     make_lods,
     deviation,
-    cost_estimate,
+    sizes,
     calibrate,
     preview,
     shot_plan,
@@ -77,6 +78,7 @@ MODULES = (
     viewport_image,
     buttons,
     export_button,
+    farm_job,
     agent_picker,
     presets,
     popovers,

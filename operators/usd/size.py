@@ -12,6 +12,7 @@ from ...crowd_lod.frame.frame_range import spread_evenly
 from ...crowd_lod.frame.instances import instances_of
 from ...crowd_lod.progress import share
 from ...crowd_lod.sources.trajectory import Trajectory
+from ..blender import scene_data
 from ..lod_meshes.selection import MOST_FRAMES
 from ..scene.scene_crowd import trajectory_of
 from ..sources.record_points import on_record
@@ -51,6 +52,7 @@ def estimate_usd(
     expected = _count_prototypes(
         library, trajectory, prototypes, counts * len(frames) / len(looked_at)
     )
+    frames_seconds = np.array([_seconds(scene, trajectory, number) for number in frames])
     _, models = np.unique(_models_of(library, trajectory, prototypes), return_index=True)
     meshes = _Meshes()
     yield from share(
@@ -58,23 +60,22 @@ def estimate_usd(
             scene,
             (trajectory, library, prototypes[models]),
             looked_at[:1],
-            [trajectory.seconds(float(looked_at[0]))],
+            frames_seconds[:1].tolist(),
             meshes.add,
         ),
         PLANNED,
         1.0,
     )
-    poses = len(frames) if animated else 1
-    names = _models_of(library, trajectory, prototypes).tolist()
-    written = Counter(dict.fromkeys(names, 0.0))
-    for name, number in zip(names, expected, strict=True):
-        written[name] += number
-    size = PER_FILE + PER_FRAME * len(frames)
-    for name, prototype in zip(written, prototypes[models].tolist(), strict=True):
-        size += meshes.topology[prototype]
-        size += written[name] * (
-            PER_MESH * meshes.count[prototype] + poses * meshes.posed[prototype]
-        )
+    posed = [
+        _count_poses(library, trajectory, prototype, frames_seconds)
+        for prototype in prototypes.tolist()
+    ]
+    names = _models_of(library, trajectory, prototypes)
+    samples = dict(zip(names[models].tolist(), prototypes[models].tolist(), strict=True))
+    size = PER_FILE + PER_FRAME * len(frames) + sum(meshes.topology.values())
+    for name, number, poses in zip(names.tolist(), expected.tolist(), posed, strict=True):
+        sample = samples[name]
+        size += number * (PER_MESH * meshes.count[sample] + poses * meshes.posed[sample])
     agents = len(instances_of([*plans.values()]).agents)
     return size + agents * len(frames) * _bytes_of_agent(scene, trajectory)
 
@@ -99,6 +100,29 @@ def _bytes_of_agent(scene: bpy.types.Scene, trajectory: Trajectory) -> float:
     is_scaled = any(group.scale != (1.0, 1.0) for group in trajectory.groups)
     vectors = 1 + is_scaled + scene.render.use_motion_blur
     return VECTOR * vectors + TURN + PER_AGENT
+
+
+def _seconds(scene: bpy.types.Scene, trajectory: Trajectory, number: int) -> float:
+    return trajectory.seconds(scene_data.remap(scene.render, number))
+
+
+def _count_poses(
+    library: Library, trajectory: Trajectory, prototype: int, seconds: np.ndarray
+) -> int:
+    """Return in how many poses the file has a prototype; it has those once that come again.
+
+    seconds: (f,) float64, of the frames.
+    """
+    gaits = trajectory.gaits
+    first = library.first(gaits)
+    character = prototype % int(first[-1])
+    group = int(np.searchsorted(first, character, side="right")) - 1
+    if library.posed[group]:
+        return 1
+    which, phase_class = divmod(character - int(first[group]), gaits.classes)
+    _, rate = gaits.plays[group][which]
+    phases = (phase_class / gaits.classes + rate * seconds) % 1.0
+    return len(np.unique(phases.astype(np.float32)))
 
 
 def _models_of(library: Library, trajectory: Trajectory, prototypes: np.ndarray) -> np.ndarray:
