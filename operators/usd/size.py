@@ -20,11 +20,11 @@ from .export import POSES, UsdExport, plan_frames
 from .prototypes import Form, library_of_poses, write_prototypes
 
 # bytes of a binary file, fitted to exports of the sample scenes; OpenUSD packs whole numbers
-PER_FILE = 8000
-PER_FRAME = 400  # the camera, and where the frame's arrays are
-PER_MESH = 350  # names, types and paths
-PER_CORNER = 1.3
-PER_AGENT = 2.2  # in a frame: its prototype, and whether it is absent
+PER_FILE = 2000
+PER_FRAME = 75  # the camera, and where the frame's arrays are
+PER_MESH = 125  # names, types and paths
+PER_CORNER = 1.8
+PER_AGENT = 2.0  # in a frame: its prototype, and whether it is absent
 VECTOR = 12  # three numbers of 4 bytes
 TURN = 8  # four numbers of 2 bytes
 PLANNED = 0.7  # the progress at which the frames are planned
