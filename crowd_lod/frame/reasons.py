@@ -21,6 +21,7 @@ REASONS = (
     "shot plan",
     "override",
     "not there at this time",
+    "hidden by scenery",
 )
 (
     NEAR_ENOUGH,
@@ -34,6 +35,7 @@ REASONS = (
     SHOT_PLAN,
     EXCEPTION,
     ABSENT,
+    BEHIND_SCENERY,
 ) = range(len(REASONS))
 
 
@@ -78,6 +80,8 @@ def reasons(frame: Frame) -> np.ndarray:
     reach = spheres.reach[crowd.group[culled]] if policy.margin is None else 0.0
     reason[culled[along < near - reach]] = NEAR
     reason[culled[along > far + reach]] = FAR
+    if frame.hidden is not None:
+        reason[frame.hidden] = BEHIND_SCENERY
     if crowd.present is not None:
         reason[~crowd.present] = ABSENT
     if frame.plan_row is not None:

@@ -11,6 +11,7 @@ from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.frame.hysteresis import hold_levels
 from ...crowd_lod.frame.request import Request
 from ...crowd_lod.levels.assignment import Bias, LevelPolicy
+from ...crowd_lod.shot.frame_errors import worst_error
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_cache, scene_data
 from ..blender.cameras import read_cameras
@@ -25,6 +26,7 @@ from . import agent_colors, gpu_culling
 from .appearance import cast_of, colors_of, drawing_of, missing_groups, style_of
 from .draw_data import Style
 from .gpu_batches import Batches, Cast
+from .inset import Above
 from .open_shutter import open_shutter, values_of
 from .viewport_camera import viewpoint
 
@@ -42,7 +44,8 @@ class Display:
     colors: the agents' colors.
     cast, batches: on the GPU.
     draw_began: time in seconds when its last drawing began.
-    above: texture of the frame from above; None until it is needed.
+    worst: pixels by which LODs in sight deviate at most; None if they are not measured.
+    above: the frame from above; None until it is needed.
     notes: sentences for the user.
     problem: a sentence for the user, if nothing can be shown.
     """
@@ -56,7 +59,8 @@ class Display:
     cast: Cast | None = None
     batches: Batches | None = None
     draw_began: float = 0.0
-    above: object = None
+    worst: float | None = None
+    above: Above | None = None
     notes: tuple[str, ...] = ()
     problem: str | None = None
 
@@ -164,6 +168,7 @@ def display_now(context, before: Display | None) -> Display:
             looked=looked,
             frame=frame,
             notes=(*view.notes, *filter(None, [frame.unplanned])),
+            worst=worst_error(frame),
         )
         _upload(display, context.scene.crowd_lod, view, before if same_cast else None, before)
         return display

@@ -3,7 +3,7 @@
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import bpy
@@ -15,7 +15,7 @@ from ...crowd_lod.format import number as figure
 from ...crowd_lod.frame.frame import Frame, plan
 from ...crowd_lod.frame.frame_range import shot_frames, spread_evenly
 from ...crowd_lod.frame.index_cache import approach
-from ...crowd_lod.frame.shadows import surround
+from ...crowd_lod.frame.shadows import surrounded
 from ...crowd_lod.levels.assignment import LevelPolicy, deviations
 from ...crowd_lod.levels.cost_model import (
     NAMES,
@@ -27,7 +27,7 @@ from ...crowd_lod.levels.cost_model import (
     stored_triangles,
     work_of,
 )
-from ...crowd_lod.progress import share
+from ...crowd_lod.progress import aside, share, standing
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import frame_stepping, scene_data
 from ..blender.machine_costs import costs_of
@@ -186,7 +186,7 @@ def estimate(
     characters = characters_of(scene)
     library = cast_of(characters, trajectory)
     owner = library.owner(trajectory.gaits)
-    cast = holdings_of(characters, trajectory, library)
+    cast = yield from standing(holdings_of(characters, trajectory, library), 0.0)
     views = yield from _look_at(scene, settings, looked_at)
     works = {}
     mine = CHOICES[settings.choice]
@@ -258,8 +258,8 @@ def _look_at(
             )
             eyes, around, shutter = lights.read_moment(scene, time, at)
             for name, choice in choices.items():
-                frame = plan(trajectory, eyes, choice.policy, time, shutter, bias)
-                frame = surround(frame, around)
+                planning = partial(plan, trajectory, eyes, choice.policy, time, shutter, bias)
+                frame = yield from aside(partial(surrounded, planning, around))
                 agents_shown[name].append(_shown(frame, library, trajectory, choice.policy.count))
             rays.append(samples * covered(frame, scene))
             yield (number_done + 1) / len(numbers)

@@ -19,6 +19,7 @@ from .setting_changes import settings_changed
 COLORS = (
     ("LOD", "By LOD", "Red, green, blue from near to far"),
     ("MATERIAL", "Materials", "The characters' own materials"),
+    ("ERROR", "By Error", "How many pixels an agent's LOD may be off: green to red"),
 )
 
 

@@ -12,7 +12,8 @@ from ..characters.take_action import TAKE_ACTION
 from ..lod_meshes.level_objects import GIVEN
 from ..overlay import viewport_overlay
 from ..overlay.hud import STAGES, describe, share
-from ..shot.shot_plan import budget_of, possible_budgets
+from ..scene.obstacles import WALLS
+from ..settings.budgets import budget_of, possible_budgets
 from . import steps
 from .drawing import LOD_COLORS, MOST_ROWS, button, distance, label, paragraph, table
 
@@ -126,6 +127,8 @@ class CROWDLOD_PT_messages(_Popover, bpy.types.Panel):
             paragraph(self.layout, sentence, icon, LETTERS)
             if TAKE_ACTION in sentence:
                 button(self.layout, "crowd_lod.take_action", icon="ACTION")
+            if WALLS in sentence:
+                button(self.layout, "crowd_lod.walls_from_selection", icon="MOD_BUILD")
 
 
 class CROWDLOD_PT_agent(_Popover, bpy.types.Panel):

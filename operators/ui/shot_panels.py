@@ -16,7 +16,7 @@ from ..render_setup.render_setup import BAKED, baked_of
 from ..render_setup.view_layers import layers_of
 from ..runs.update_all import due_steps
 from ..settings import needs
-from ..shot.shot_plan import budget_of, possible_budgets
+from ..settings.budgets import budget_of, possible_budgets
 from ..sources.hand_edits import EDITS
 from . import steps
 from .drawing import active_column, button, label, letters_of, limit, paragraph, table, wide
@@ -253,11 +253,12 @@ class CROWDLOD_PT_view_layers(Step, bpy.types.Panel):
 
     @classmethod
     def poll(cls, context) -> bool:
-        return context.scene.crowd_lod.build is not None and len(context.scene.view_layers) > 1
+        return context.scene.crowd_lod.build is not None
 
     def body(self, context, layout, settings) -> None:
         for name, place in layers_of(context.scene).items():
             layout.prop(place, "exclude", text=name, invert_checkbox=True, translate=False)
+        layout.operator("crowd_lod.add_aovs", icon="RENDERLAYERS")
 
 
 class CROWDLOD_PT_verify(Step, bpy.types.Panel):
