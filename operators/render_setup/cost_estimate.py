@@ -32,14 +32,12 @@ from ...crowd_lod.progress import aside, share, standing
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import frame_stepping, scene_data
 from ..blender.machine_costs import costs_of
-from ..blender.operator import Stepwise
 from ..characters.holdings import holdings_of
 from ..characters.stored_groups import groups_of
 from ..lod_meshes.selection import MOST_FRAMES, cast_of
 from ..machine.scene_world import bias_of
 from ..scene import lights
 from ..scene.scene_crowd import characters_of, home_of, policy_of, trajectory_of
-from ..settings import needs
 from ..sources.record_points import on_record
 from .frame_update import members
 from .render_setup import check_levels
@@ -347,22 +345,3 @@ def covered_pixels(render: bpy.types.RenderSettings, radius: np.ndarray) -> floa
     """
     pixels = render.resolution_x * render.resolution_y * (render.resolution_percentage / 100) ** 2
     return float(min(pixels, COVERS * ((2 * radius) ** 2).sum()))
-
-
-class CROWDLOD_OT_estimate(Stepwise, bpy.types.Operator):
-    """Estimate memory, file size and render time for each way to choose LODs"""
-
-    bl_idname = "crowd_lod.estimate"
-    bl_label = "Estimate Cost"
-    needs = (
-        needs.crowd,
-        needs.camera,
-    )
-
-    def steps(self, context) -> Generator[float, None, str]:
-        found = yield from estimate(context.scene, context.scene.crowd_lod)
-        context.scene.crowd_lod.estimate = found.table
-        return found.sentence
-
-
-CLASSES = (CROWDLOD_OT_estimate,)
