@@ -257,9 +257,7 @@ class CROWDLOD_PT_levels(Step, bpy.types.Panel):
         row.prop(settings, "choice", expand=True)
         if settings.choice == "BY_TOLERANCE":
             layout.prop(settings, "tolerance")
-            layout.prop(
-                settings, "memory", text=limit("Memory, MB", settings.memory), translate=False
-            )
+            limit(layout, settings, "memory", "Memory, MB")
         else:
             layout.prop(settings, "level_count")
             self.ratios(context, layout, settings)
@@ -359,7 +357,7 @@ class CROWDLOD_PT_decimation(Step, bpy.types.Panel):
         active_column(layout, settings.choice == "BY_RATIO").prop(settings, "metric")
         layout.prop(settings, "method")
         active_column(layout, settings.choice == "BY_TOLERANCE").prop(settings, "shading_counts")
-        layout.prop(settings, "hidden_surface_counts")
+        wide(layout, settings, "hidden_surface_counts")
         layout.prop(settings, "scale_textures")
         layout.prop(settings, "bias_image")
         button(layout, "crowd_lod.measure_levels", icon="DRIVER_DISTANCE")
