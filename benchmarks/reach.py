@@ -39,6 +39,7 @@ EVERYONE = "everyone, 16 classes"
 FAIR = "everyone, few classes"
 PLANNED = "1 px, planned"
 WAYS = NOBODY, EVERYONE, FAIR, PLANNED
+PARTS = {"memory": "peak_mb", "time": "cpu_s"}
 METERS = 2, 20
 AGENTS = 10_000
 REPEATS = 3
@@ -62,7 +63,7 @@ class Goal:
             f"{part} {row[f'{part}, {self.rival}']:.2f} ({row['crowd']})"
             for row in rows
             if row["way"] == PLANNED and row["meters"] == self.meters
-            for part in ("memory", "time")
+            for part in PARTS
             if row[f"{part}, {self.rival}"] > getattr(self, part)
         ]
         return {
@@ -112,31 +113,41 @@ def main(out: Path, folder: Path, quick: bool) -> None:
 def measure(
     crowd: str, characters: list[str], meters: int, agents: int, repeats: int
 ) -> list[dict]:
-    """Return a row for each way: what it takes, and its parts of what the rivals take.
-
-    Both less nobody. characters: of prepare.
-    """
+    """Make the files of a crowd, and return the rows of `measure_files`. characters: of prepare."""
     with tempfile.TemporaryDirectory() as folder:
         asked = {"characters": characters, "meters": meters, "agents": agents}
         holdings = job(PREPARING, "reach.py", folder=folder, **asked, **PICTURE["CYCLES"])
-        renders = {way: [] for way in WAYS}
-        for _ in range(repeats if "ended" not in holdings else 0):
-            for way in WAYS:
-                renders[way].append(_rendered(Path(folder) / f"{way}.blend"))
-    ended = [took["ended"] for took in (holdings, *sum(renders.values(), [])) if "ended" in took]
-    if ended:
-        raise CrowdError(f"The crowd {crowd} could not be measured: {ended[0]}.")
-    took = {
-        way: {key: median(each[key] for each in renders[way]) for key in ("cpu_s", "peak_mb")}
+        if "ended" in holdings:
+            raise CrowdError(f"The files of {crowd} were not made: {holdings['ended']}.")
+        return measure_files(crowd, meters, Path(folder), holdings, repeats)
+
+
+def measure_files(
+    crowd: str, meters: int, folder: Path, holdings: dict[str, dict], repeats: int
+) -> list[dict]:
+    """Return a row for each way: what it takes, and its parts of what the rivals take.
+
+    Both less nobody. folder, holdings: of prepare.
+    """
+    renders: dict[str, list[dict]] = {way: [] for way in WAYS}
+    for _ in range(repeats):
+        for way in WAYS:
+            took = _rendered(folder / f"{way}.blend")
+            if "ended" in took:
+                raise CrowdError(f"{crowd}, {way} was not rendered: {took['ended']}.")
+            renders[way].append(took)
+    costs = {
+        way: {key: median(took[key] for took in renders[way]) for key in PARTS.values()}
         for way in WAYS
     }
     rows = []
     for way in WAYS:
-        row = {"crowd": crowd, "meters": meters, "way": way, **took[way], **holdings[way]}
+        row = {"crowd": crowd, "meters": meters, "way": way, **costs[way], **holdings[way]}
         for rival in (EVERYONE, FAIR):
-            for part, key in (("memory", "peak_mb"), ("time", "cpu_s")):
-                beyond, whole = (took[each][key] - took[NOBODY][key] for each in (way, rival))
-                row[f"{part}, {rival}"] = round(beyond / whole, 3)
+            for part, key in PARTS.items():
+                nobody = costs[NOBODY][key]
+                beyond = (costs[way][key] - nobody) / (costs[rival][key] - nobody)
+                row[f"{part}, {rival}"] = round(beyond, 3)
         rows.append(row)
     show(crowd, rows)
     return rows
@@ -161,8 +172,8 @@ def to_markdown(rows: list[dict]) -> str:
         if row["way"] == NOBODY:
             cells += ["", "", ""]
         else:
-            cells += [f"{row[f'{part}, {EVERYONE}']:.2f}" for part in ("memory", "time")]
-            fair = [f"{row[f'{part}, {FAIR}']:.2f}" for part in ("memory", "time")]
+            cells += [f"{row[f'{part}, {EVERYONE}']:.2f}" for part in PARTS]
+            fair = [f"{row[f'{part}, {FAIR}']:.2f}" for part in PARTS]
             cells.append(", ".join(fair) if row["way"] == PLANNED else "")
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
@@ -207,7 +218,7 @@ def prepare(
     settings = bpy.context.scene.crowd_lod
     remove_owned(settings.levels)
     bpy.data.batch_remove(settings.characters.all_objects)
-    holdings[NOBODY] = _save(NOBODY, folder)
+    holdings[NOBODY] = {"agents": 0, **_save(NOBODY, folder)}
     crowd_lod_extension.unregister()
     return holdings
 
