@@ -217,7 +217,7 @@ def prepare(
     bpy.ops.wm.open_mainfile(filepath=full)
     settings = bpy.context.scene.crowd_lod
     remove_owned(settings.levels)
-    bpy.data.batch_remove(settings.characters.all_objects)
+    bpy.data.batch_remove([*settings.characters.all_objects, *bpy.data.actions])
     holdings[NOBODY] = {"agents": 0, **_save(NOBODY, folder)}
     crowd_lod_extension.unregister()
     return holdings
