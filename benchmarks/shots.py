@@ -35,7 +35,7 @@ from crowd_lod_extension.crowd_lod.levels.cost_model import default_costs
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.reporting import files, tables
 from crowd_lod_extension.crowd_lod.shot.shot import decide
-from crowd_lod_extension.crowd_lod.shot.shot_cost import Bill, Shot, bill, meshes_of
+from crowd_lod_extension.crowd_lod.shot.shot_cost import Bill, Shot, meshes_of
 from crowd_lod_extension.crowd_lod.shot.survey import SEEN, Recorder, Survey, empty
 from crowd_lod_extension.sample_scenes import plaza, plaza_map
 from worth import LIMIT, PICTURE, job
@@ -226,15 +226,15 @@ def compared(
 ) -> list[dict]:
     """The rows of one camera and engine."""
     shot = Shot(survey, meshes_of(GROUPS, POLICY.count), default_costs(engine))
-    thresholds = bill(shot, survey.coarsest)
-    full = bill(shot, np.zeros_like(survey.coarsest))
+    thresholds = Bill(shot, survey.coarsest)
+    full = Bill(shot, np.zeros_like(survey.coarsest))
     rows = [
         row(name, engine, way, way_bill, thresholds, full)
         for way, way_bill in (("full detail", full), ("thresholds", thresholds))
     ]
     for width in WIDTHS:
         for keeps, condition in ((False, ""), (True, " within tolerance")):
-            way_bill = bill(shot, held_levels(survey, films, width, keeps))
+            way_bill = Bill(shot, held_levels(survey, films, width, keeps))
             rows.append(
                 row(name, engine, f"hysteresis {width:g}{condition}", way_bill, thresholds, full)
             )

@@ -243,13 +243,12 @@ class Library:
         agents: (m,) indices.
         """
         group = crowd.group[agents]
-        number = (
-            gaits.play_number[group, crowd.playing[agents]] * gaits.classes
-            + crowd.phase_class[agents]
-        )
+        first = self.first(gaits)
+        first_of_play = (first[:-1, None] + gaits.play_number * gaits.classes).astype(np.int32)
+        number = first_of_play[group, crowd.playing[agents]] + crowd.phase_class[agents]
         if self.posed.any():
             count = self.posed[group]
             nearest = np.rint(gaits.phase(crowd, seconds, agents) * count) % np.maximum(count, 1)
-            before = gaits.action[crowd.playing[agents]] * count
+            before = first[group] + gaits.action[crowd.playing[agents]] * count
             number = np.where(count > 0, before + nearest.astype(np.intp), number)
-        return (self.first(gaits)[group] + number).astype(np.int32)
+        return number.astype(np.int32, copy=False)

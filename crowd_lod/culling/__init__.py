@@ -3,5 +3,6 @@
 In: Crowd, Cameras (world meters, windows in camera space), the spheres' centers and radii (G,)
 meters. Out: visible (n,) bool and distances (n,) float64 meters.
 
-`blocks` decides many agents at once and leaves the undecided ones to `radar`.
+`blocks` decides many agents at once and leaves the undecided ones to `radar`. `occlusion` finds
+those that opaque scenery hides.
 """

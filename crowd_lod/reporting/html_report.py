@@ -23,6 +23,7 @@ STYLE = """
 @media (prefers-color-scheme: dark) {
   :root { --ink: #e7e9ee; --dim: #9aa2b1; --paper: #15171b; --card: #1e2127; --line: #343943;
     --best: #7fb0ff } }
+a { color: var(--best) }
 body { margin: 0 auto; padding: 2rem 1.5rem 4rem; max-width: 76rem; background: var(--paper);
   color: var(--ink);
   font: 15px/1.55 system-ui, sans-serif }
@@ -40,9 +41,9 @@ section { background: var(--card); border: 1px solid var(--line); border-radius:
 img { max-width: 100%; height: auto; border-radius: .5rem; display: block; margin: 0 auto }
 .scroll { overflow-x: auto }
 table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums }
-th, td { padding: .32rem .7rem; text-align: right; white-space: nowrap;
-  border-bottom: 1px solid var(--line) }
-th { color: var(--dim); font-weight: 600; font-size: .82rem }
+th, td { padding: .32rem .4rem; text-align: right; border-bottom: 1px solid var(--line) }
+td { font-size: .92rem }
+th { color: var(--dim); font-weight: 600; font-size: .78rem; vertical-align: bottom }
 th:first-child, td:first-child { text-align: left }
 .dot { display: inline-block; width: .7em; height: .7em; border-radius: 50%; margin-right: .45em }
 ul { color: var(--dim) } footer { margin-top: 3rem; color: var(--dim); font-size: .85rem }
@@ -97,14 +98,14 @@ def parts_of(plan: dict, above: str = "contact_sheet.png") -> list[str]:
     if plan.get("machine"):
         graph = state_graph.svg(parse(json.dumps(plan["machine"]), "plan.json"))
         parts += ["<h2>State machine</h2>", f"<section>{graph}</section>"]
-    keys = [key for key in rows[0] if not key.endswith("_ms")]
+    keys = [key for key in rows[0] if not key.endswith(("_ms", "vertices"))]
     head = [
         f"LOD {key[3:]}" if key.startswith("lod") else key.replace("_", " ").capitalize()
         for key in keys
     ]
     parts += [
         "<h2>Frames</h2>",
-        table_of(head, [[f"{row[key]:,}" for key in keys] for row in rows]),
+        table_of(head, [[_count(row[key]) for key in keys] for row in rows]),
     ]
     command = escape(" ".join(plan["command"]))
     parts.append(
@@ -112,6 +113,13 @@ def parts_of(plan: dict, above: str = "contact_sheet.png") -> list[str]:
         f"that repeats it.</footer>"
     )
     return parts
+
+
+def _count(value: int) -> str:
+    """Return a count in at most seven letters, so that the table fits the page."""
+    if value < 100_000:
+        return f"{value:,}"
+    return f"{value / 1e3:.0f}&nbsp;k" if value < 1_000_000 else f"{value / 1e6:,.1f}&nbsp;M"
 
 
 def _figures(rows: Sequence[dict], lods: int) -> list[tuple[str, str]]:

@@ -34,7 +34,8 @@ class Entry:
     verdict: str = ""
 
 
-PICTURES = "contact_sheet.png", "worst.png"  # of a step's folder, for the page
+CROWD = "crowd.png"  # the picture of a crowd as marks
+PICTURES = "contact_sheet.png", "worst.png", CROWD  # of a step's folder, for the page
 
 
 def add_to_index(folder: Path, entry: Entry) -> None:
@@ -109,8 +110,10 @@ def _section(folder: Path, entry: Entry) -> str:
 
 def _links(folder: Path, part: str) -> str:
     """Return links to a step's report, and to the other files that are no pictures of frames."""
+    if part == "bake":
+        return "in the .blend file"
     if not (folder / part).is_dir():
-        return "in the .blend file" if part == "bake" else "removed"
+        return "removed"
     names = sorted(
         path.name
         for path in (folder / part).iterdir()

@@ -12,9 +12,11 @@ import numpy as np
 from ..errors import CrowdError
 from ..format import printable
 from ..frame.frame import Frame
+from ..frame.hidden import hidden_wholly
 from ..shot.switches import NOTHING
 
 PLAN_VERSION = 2  # of plan.json
+SHEET = (24, 24, 24, 255)  # sRGB, between the pictures of a contact sheet
 
 
 def nobody_seen(counts: Iterable[int]) -> str:
@@ -40,6 +42,8 @@ def row(number: int, frame: Frame, more: dict[str, float]) -> dict[str, int | fl
         for name, b in (("shadow", frame.shadow), ("mirrored", frame.mirrored))
         if b is not None
     }
+    if frame.hidden is not None:
+        unseen["hidden"] = hidden_wholly(frame)
     stages = {f"{name}_ms": round(ms, 3) for name, ms in (frame.milliseconds | more).items()}
     return {
         "frame": number,
@@ -145,7 +149,7 @@ def contact_sheet(pictures: list[np.ndarray], columns: int, gap: int = 6) -> np.
     height, width = (max(p.shape[axis] for p in pictures) for axis in (0, 1))
     rows = -(-len(pictures) // columns)
     sheet = np.zeros((rows * (height + gap) + gap, columns * (width + gap) + gap, 4), np.uint8)
-    sheet[:] = (24, 24, 24, 255)
+    sheet[:] = SHEET
     for number, picture in enumerate(pictures):
         row, column = divmod(number, columns)
         bottom = (rows - 1 - row) * (height + gap) + gap

@@ -8,7 +8,7 @@ import numpy as np
 from ..levels.cost_model import price
 from ..progress import share
 from .shot import ShotPlan, sampled, solved
-from .shot_cost import Bill, Shot, bill, work_in
+from .shot_cost import Bill, Shot, work_in
 from .survey import Survey, at_tolerance
 
 MOST_LOOKED_AT = 500_000  # agents times frames from which the curve is found
@@ -59,10 +59,10 @@ def curve_of(shot: Shot, plan: ShotPlan, tolerance: float | None) -> Generator[f
     sample, agents = sampled(shot, max(MOST_LOOKED_AT // len(shot.survey.times), 1))
     survey = sample.survey
     bounds = sample.meshes.bounds
-    thresholds = bill(sample, survey.coarsest)
+    thresholds = Bill(sample, survey.coarsest)
 
     def point(kind: str, levels: np.ndarray, pixels: float | None = None) -> Point:
-        point_bill = bill(sample, levels)
+        point_bill = Bill(sample, levels)
         parts = of_full_detail(sample, point_bill)
         return Point(
             kind,

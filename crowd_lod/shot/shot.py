@@ -15,10 +15,8 @@ import numpy as np
 
 from ..levels.cost_model import Work, price
 from ..progress import share
-from .shot_cost import NOTICED, UNSEEN, Bill, Shot, bill, shown_by, work_in
-from .survey import SEEN
+from .shot_cost import NOTICED, UNSEEN, Bill, Block, Shot, shown_by, work_in
 
-TOGETHER = 8192  # agents decided together: their rows stay in the processor's cache
 # agents from which the weight of switches is found, or a hundredth of many; where they share meshes
 SAMPLE = 2000
 SHARING = 20_000
@@ -28,25 +26,27 @@ NEARLY = 1e-3  # part of its share that a mesh costs which the frame shows anywa
 MATTERS = 0.05  # part of the instances' cost from which on that of meshes is shared with care
 
 
-def program(
-    shot: Shot, table: np.ndarray, weight: float, agents: slice
-) -> tuple[np.ndarray, float]:
-    """Return (levels (F, m) uint8, their cost) of `agents`, by dynamic programming.
+def program(shot: Shot, table: np.ndarray, weight: float, block: Block) -> tuple[np.ndarray, float]:
+    """Return (levels (f, m) uint8, their cost) of a block of agents, by dynamic programming.
 
     An agent that is not seen has the LOD with which it is seen next.
     table: (1 or F, K, L) float32, the cost of an agent that shows a LOD of a character.
     weight: the cost of a pixel by which a switch changes the picture.
+    block: m agents, and the f frames in which they are seen.
     """
     survey = shot.survey
+    agents = block.agents
     apart = shot.meshes.bounds.T[:, survey.group[agents]].astype(np.float32)
     numbers = np.arange(shot.meshes.count, dtype=np.uint8)[:, None]
 
     def steps() -> Iterator[Step]:
-        for f in range(len(survey.times)):
-            joined = survey.joined(f, agents)
-            scale = np.where(joined, survey.scale[f, agents], np.float16(0)).astype(np.float32)
+        was_seen = np.zeros(len(agents), bool)
+        for f in range(block.begin, block.end):
             allowed = shot.allowed[f, agents]
             is_seen = allowed != UNSEEN
+            joined = is_seen & was_seen & ~survey.cuts[f]
+            was_seen = is_seen
+            scale = np.where(joined, survey.scale[f, agents], np.float16(0)).astype(np.float32)
             cost = table[min(f, len(table) - 1)].take(survey.character[f, agents], axis=1)
             cost *= is_seen
             np.copyto(cost, np.float32(np.inf), where=numbers > allowed)
@@ -55,7 +55,7 @@ def program(
                 np.copyto(cost, np.float32(np.inf), where=finer)
             yield cost, apart * (scale * np.float32(weight)), joined * np.float32(weight * NOTICED)
 
-    return cheapest_path(steps(), len(survey.times))
+    return cheapest_path(steps(), block.end - block.begin)
 
 
 # Of one frame: (K, m) float32 what each LOD costs; (K, m) float32 what a switch to it or from it
@@ -112,25 +112,17 @@ def by_character(shot: Shot, unique: np.ndarray, weight: float) -> np.ndarray:
     unique: (F, K, L) seconds of each mesh. weight: as of `program`.
     """
     survey = shot.survey
-    bounds = shot.meshes.bounds.T[:, shot.survey.owner]
-    count, characters = bounds.shape
-    numbers = np.arange(count)[:, None]
+    bounds = shot.meshes.bounds.T[:, survey.owner]
+    needs = shot.needs_of_characters
+    numbers = np.arange(len(bounds))[:, None]
 
     def steps() -> Iterator[Step]:
-        for f in range(len(survey.times)):
-            (agents,) = np.nonzero(survey.kind[f] == SEEN)
-            character = survey.character[f, agents]
-            users = np.bincount(character, minlength=characters)
-            coarsest = np.full(characters, count - 1)
-            np.minimum.at(coarsest, character, shot.allowed[f, agents])
+        for f, users in enumerate(needs.users):
             cost = np.where(users > 0, unique[f], 0.0) + users * shot.instance
-            cost[numbers > coarsest] = np.inf
-            stays = survey.joined(f) & (survey.character[f] == survey.character[f - 1])
-            character = survey.character[f, stays]
-            pixels = np.bincount(character, survey.scale[f, stays], characters)
-            switching = np.bincount(character, minlength=characters) * NOTICED
-            change = (weight * pixels * bounds).astype(np.float32)
-            yield cost.astype(np.float32), change, (weight * switching).astype(np.float32)
+            cost[numbers > needs.coarsest[f]] = np.inf
+            change = (weight * needs.pixels[f] * bounds).astype(np.float32)
+            switching = weight * NOTICED * needs.staying[f]
+            yield cost.astype(np.float32), change, switching.astype(np.float32)
 
     path, _ = cheapest_path(steps(), len(survey.times))
     levels = np.take_along_axis(path, survey.character.astype(np.intp), axis=1)
@@ -143,20 +135,17 @@ def decided(
     shot: Shot, table: np.ndarray, weight: float
 ) -> Generator[float, None, tuple[np.ndarray, float]]:
     """Decide on all agents by `program`: yield the progress, return (levels (F, n), cost)."""
-    agents = len(shot.survey.group)
-    parts = [slice(begin, min(begin + TOGETHER, agents)) for begin in range(0, agents, TOGETHER)]
-    levels = np.empty(shot.survey.kind.shape, np.uint8)
+    levels = np.zeros(shot.survey.kind.shape, np.uint8)
     cost = 0.0
+    blocks = shot.blocks
     _ = shot.allowed  # found once, before threads ask for it
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for number, (part, (part_levels, paid)) in enumerate(
-            zip(
-                parts, pool.map(lambda part: program(shot, table, weight, part), parts), strict=True
-            )
-        ):
-            levels[:, part] = part_levels
+        programs = pool.map(lambda block: program(shot, table, weight, block), blocks)
+        for number, (block, (block_levels, paid)) in enumerate(zip(blocks, programs, strict=True)):
+            levels[: block.begin, block.agents] = block_levels[0]
+            levels[block.begin : block.end, block.agents] = block_levels
             cost += paid
-            yield (number + 1) / len(parts)
+            yield (number + 1) / len(blocks)
     return levels, cost
 
 
@@ -189,13 +178,13 @@ def decide(shot: Shot, avoid: float = 0.05) -> Generator[float, None, ShotPlan]:
     weight = yield from share(_weight(shot, avoid, _matter(shot, limit.thresholds)), 0.0, 0.4)
     for step in range(STEPS):
         levels, shared = yield from share(solved(shot, limit.thresholds, weight), 0.4, 0.8)
-        plan_bill = bill(shot, levels)
+        plan_bill = Bill(shot, levels)
         if limit.holds(plan_bill) or step == STEPS - 1:
             break
         weight /= 1.5  # the sample promised more than the whole keeps
     if not limit.holds(plan_bill):
         levels = limit.levels
-        plan_bill = bill(shot, levels)
+        plan_bill = Bill(shot, levels)
     least = yield from share(lower_bound(shot, weight, shared), 0.8, 1.0)
     paid = objective(plan_bill, weight)
     bound = max(paid / least - 1, 0.0) if least > 0 else 0.0
@@ -209,7 +198,7 @@ class Limit:
     thresholds: what the LODs cost that the policy gives frame by frame.
     levels: (F, n) uint8, the cheapest LODs that are known.
     cheapest: what they cost, or `thresholds` where one LOD a character costs more.
-    avoid: the part by which a plan may cost more than the cheapest.
+    avoid: what a plan may cost more than the cheapest, as a part of what the thresholds' LODs do.
     """
 
     thresholds: Bill
@@ -219,19 +208,19 @@ class Limit:
 
     def holds(self, found: Bill) -> bool:
         """Return whether a plan may cost as much as `found`."""
-        return found.above(self.cheapest) <= self.avoid
+        return found.above(self.cheapest, self.thresholds) <= self.avoid
 
 
 def _limit(shot: Shot, avoid: float) -> Limit:
     """Return what a plan may cost that may pay the part `avoid` to avoid switches in sight."""
-    thresholds = bill(shot, shot.survey.coarsest)
+    thresholds = Bill(shot, shot.survey.coarsest)
     if _matter(shot, thresholds):
         levels = by_character(shot, mesh_seconds(shot, thresholds), 0.0)
-        found = bill(shot, levels)
+        found = Bill(shot, levels)
         if found.above(thresholds) <= 0:
             return Limit(thresholds, levels, found, avoid)
     levels = shot.coarsest
-    return Limit(thresholds, levels, thresholds, max(avoid, bill(shot, levels).above(thresholds)))
+    return Limit(thresholds, levels, thresholds, max(avoid, Bill(shot, levels).above(thresholds)))
 
 
 def objective(found: Bill, weight: float) -> float:
@@ -255,7 +244,7 @@ def _weight(shot: Shot, avoid: float, shared: bool) -> Generator[float, None, fl
         levels, _ = yield from share(
             solved(sample, thresholds, middle), step / (2 * STEPS), (step + 1) / (2 * STEPS)
         )
-        if limit.holds(bill(sample, levels)):
+        if limit.holds(Bill(sample, levels)):
             low = middle
         else:
             high = middle
@@ -286,11 +275,11 @@ def solved(
     levels, shared = yield from share(decided(shot, _table(shot, shares), weight), 0.0, 0.5)
     if not _matter(shot, thresholds):
         return levels, shared if "traced" not in shot.costs.seconds else None
-    table = shared_table(shot, thresholds, bill(shot, levels))
+    table = shared_table(shot, thresholds, Bill(shot, levels))
     assert table is not None
     again, _ = yield from share(decided(shot, table, weight), 0.5, 1.0)
     choices = levels, again, by_character(shot, unique, weight)
-    return min(choices, key=lambda choice: objective(bill(shot, choice), weight)), None
+    return min(choices, key=lambda choice: objective(Bill(shot, choice), weight)), None
 
 
 def shared_table(shot: Shot, thresholds: Bill, plan_bill: Bill) -> np.ndarray | None:

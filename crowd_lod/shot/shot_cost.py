@@ -1,10 +1,11 @@
 """A surveyed shot with its LOD meshes, and what LODs of it cost."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from .survey import SEEN, Survey
 # pixels as which any switch in sight counts, besides those by which it changes the picture
 NOTICED = 0.25
 UNSEEN = 255  # the LOD of an agent that is not seen
+TOGETHER = 8192  # agents decided together: their rows stay in the processor's cache
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,35 @@ def meshes_of(groups: Sequence[Group], count: int) -> Meshes:
         for name in ("triangles", "vertices", "bounds")
     )
     return Meshes(triangles, vertices, np.maximum.accumulate(bounds, axis=1))
+
+
+@dataclass(frozen=True)
+class Block:
+    """Agents that are seen in the same part of the shot.
+
+    agents: (m,) intp.
+    begin, end: the first of the shot's F frames that shows one of them, and the one after the last.
+    """
+
+    agents: np.ndarray
+    begin: int
+    end: int
+
+
+@dataclass(frozen=True)
+class CharacterNeeds:
+    """What the F frames of a shot ask of each of L characters.
+
+    users: (F, L) intp, seen agents that show it.
+    coarsest: (F, L) intp, the coarsest LOD that all of them may show.
+    staying: (F, L) intp, those of them that showed it in the frame before as well, in sight.
+    pixels: (F, L) float64, the sum of the pixels that a meter of these shows.
+    """
+
+    users: np.ndarray
+    coarsest: np.ndarray
+    staying: np.ndarray
+    pixels: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -113,6 +144,36 @@ class Shot:
             coarsest[f - 1, agents] = before
         return coarsest
 
+    @cached_property
+    def blocks(self) -> list[Block]:
+        """All agents that are ever seen, in the order of their first and last frames."""
+        first, last = self.survey.spans
+        (agents,) = np.nonzero(first < last)
+        agents = agents[np.lexsort((last[agents], first[agents]))]
+        parts = np.split(agents, range(TOGETHER, len(agents), TOGETHER))
+        return [
+            Block(part, int(first[part].min()), int(last[part].max()))
+            for part in parts
+            if len(part)
+        ]
+
+    @cached_property
+    def needs_of_characters(self) -> CharacterNeeds:
+        """What each frame asks of each character."""
+        survey = self.survey
+        shape = len(survey.times), len(survey.owner)
+        agents_shown = shown_by(self, self.allowed)
+        users = agents_shown.sum(axis=1)
+        coarsest = np.where(users > 0, (agents_shown > 0).argmax(axis=1), self.meshes.count - 1)
+        staying = np.zeros(shape, np.intp)
+        pixels = np.zeros(shape)
+        for f in range(1, len(users)):
+            stays = survey.joined(f) & (survey.character[f] == survey.character[f - 1])
+            character = survey.character[f, stays]
+            staying[f] = np.bincount(character, minlength=shape[1])
+            pixels[f] = np.bincount(character, survey.scale[f, stays], shape[1])
+        return CharacterNeeds(users, coarsest, staying, pixels)
+
     @property
     def coarsest(self) -> np.ndarray:
         """(F, n) uint8, the coarsest LODs that are allowed."""
@@ -129,84 +190,105 @@ class Shot:
         return all_levels
 
 
-@dataclass(frozen=True)
 class Bill:
-    """What the LODs of a shot cost.
+    """What LODs of a shot cost. Figures that nobody asks for are not computed.
 
-    triangles, vertices: (F,), of all seen agents.
-    counts: (F, K), seen agents at each LOD.
-    switches: (F,), agents that change their LOD in sight.
-    pixels: (F,), the sum of the pixels by which those change the picture at most.
-    most: the most pixels of one switch.
-    error: the most pixels by which a LOD deviates.
+    levels: (F, n) uint8, the LODs.
     agents_shown: (F, K, L), agents of each frame that show each LOD of each character.
-    price: of a bake of this shot, in the engine.
-    instanced: seconds a frame of instances.
     """
 
-    triangles: np.ndarray
-    vertices: np.ndarray
-    counts: np.ndarray
-    switches: np.ndarray
-    pixels: np.ndarray
-    most: float
-    error: float
-    agents_shown: np.ndarray
-    price: Price
-    instanced: float
+    def __init__(self, shot: Shot, levels: np.ndarray) -> None:
+        self.shot = shot
+        self.levels = levels
+        self.agents_shown = shown_by(shot, levels)
+
+    @cached_property
+    def price(self) -> Price:
+        """Of a bake of this shot, in the engine."""
+        return price(work_in(self.shot, self.agents_shown), self.shot.costs)
+
+    @property
+    def instanced(self) -> float:
+        """Seconds a frame of instances."""
+        return float((self.agents_shown * self.shot.instance).sum()) / len(self.agents_shown)
+
+    @property
+    def counts(self) -> np.ndarray:
+        """(F, K), seen agents at each LOD."""
+        return self.agents_shown.sum(axis=2)
+
+    @property
+    def triangles(self) -> np.ndarray:
+        """(F,), of all seen agents."""
+        return self._sum_of(self.shot.meshes.triangles)
+
+    @property
+    def vertices(self) -> np.ndarray:
+        """(F,), of all seen agents."""
+        return self._sum_of(self.shot.meshes.vertices)
+
+    def _sum_of(self, table: np.ndarray) -> np.ndarray:
+        return (self.agents_shown * table.T[:, self.shot.survey.owner]).sum(axis=(1, 2))
+
+    @property
+    def switches(self) -> np.ndarray:
+        """(F,), agents that change their LOD in sight."""
+        return self._changes[0].astype(np.intp)
+
+    @property
+    def pixels(self) -> np.ndarray:
+        """(F,), the sum of the pixels by which those change the picture at most."""
+        return self._changes[1]
+
+    @property
+    def most(self) -> float:
+        """The most pixels of one switch."""
+        return float(self._changes[2].max())
+
+    @cached_property
+    def _changes(self) -> np.ndarray:
+        def measure_frame(f: int) -> tuple[int, float, float]:
+            agents, pixels = switched(self.shot, self.levels, f)
+            return len(agents), float(pixels.sum()), float(pixels.max(initial=0.0))
+
+        return np.array(_by_frame(measure_frame, len(self.levels))).T
+
+    @cached_property
+    def error(self) -> float:
+        """The most pixels by which a LOD deviates."""
+        survey = self.shot.survey
+        bounds = self.shot.meshes.bounds
+
+        def measure_frame(f: int) -> float:
+            agents = np.flatnonzero(survey.kind[f] == SEEN)
+            scale = survey.scale[f, agents].astype(np.float64)
+            deviation = bounds[survey.group[agents], self.levels[f, agents]]
+            return float((scale * deviation).max(initial=0.0))
+
+        return max(_by_frame(measure_frame, len(self.levels)))
 
     @property
     def noticed(self) -> float:
         """All switches in sight, in pixels."""
         return float(self.pixels.sum() + NOTICED * self.switches.sum())
 
-    def above(self, other: "Bill") -> float:
-        """Return by which part this costs more than `other`: in time, memory or instances."""
-        pairs = (
-            (self.price.seconds, other.price.seconds),
-            (self.price.memory, other.price.memory),
-            (self.instanced, other.instanced),
+    def above(self, other: "Bill", whole: "Bill | None" = None) -> float:
+        """Return what this costs more than `other`, in time, memory or instances.
+
+        As a part of what `whole` costs, or `other`: the largest of the three.
+        """
+        whole = whole or other
+        costs = (
+            (self.price.seconds, other.price.seconds, whole.price.seconds),
+            (self.price.memory, other.price.memory, whole.price.memory),
+            (self.instanced, other.instanced, whole.instanced),
         )
-        return max(own / least - 1 if least > 0 else 0.0 for own, least in pairs)
+        return max((own - least) / total if total > 0 else 0.0 for own, least, total in costs)
 
 
-def bill(shot: Shot, levels: np.ndarray) -> Bill:
-    """Return what `levels` (F, n) uint8 cost in the shot."""
-    survey = shot.survey
-    meshes = shot.meshes
-    frames = len(survey.times)
-    agents_shown = shown_by(shot, levels)
-
-    def measure_frame(f: int) -> tuple[int, float, float, float]:
-        agents = np.flatnonzero(survey.kind[f] == SEEN)
-        level = levels[f, agents]
-        error = (
-            survey.scale[f, agents].astype(np.float64) * meshes.bounds[survey.group[agents], level]
-        )
-        changed, change = switched(shot, levels, f)
-        return (
-            len(changed),
-            float(change.sum()),
-            float(change.max(initial=0.0)),
-            float(error.max(initial=0.0)),
-        )
-
+def _by_frame(measure: Callable[[int], Any], frames: int) -> list[Any]:
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        switches, pixels, most, error = zip(*pool.map(measure_frame, range(frames)), strict=True)
-    each = [table.T[:, survey.owner] for table in (meshes.triangles, meshes.vertices)]
-    triangles, vertices = ((agents_shown * table).sum(axis=(1, 2)) for table in each)
-    return Bill(
-        triangles=triangles,
-        vertices=vertices,
-        counts=agents_shown.sum(axis=2),
-        switches=np.array(switches),
-        pixels=np.array(pixels),
-        most=max(most),
-        error=max(error),
-        agents_shown=agents_shown,
-        price=price(work_in(shot, agents_shown), shot.costs),
-        instanced=float((agents_shown * shot.instance).sum()) / frames,
-    )
+        return list(pool.map(measure, range(frames)))
 
 
 def shown_by(shot: Shot, levels: np.ndarray) -> np.ndarray:

@@ -12,14 +12,14 @@ import numpy as np
 
 from ..animation.phase_classes import Library, Roles
 from ..crowd.agents import Crowd
-from ..culling.radar import RadarOptions, radar
+from ..culling.radar import BLOCK, RadarOptions, radar
 from ..errors import CrowdError
 from ..frame.frame import Frame
 from .blur import blur_of
 from .neighbors import close_pairs
 
 # Kinds of agents in a frame.
-CULLED, SEEN, SHADOW, MIRRORED = range(4)
+CULLED, SEEN, SHADOW, MIRRORED, HIDDEN = range(5)
 EVERYONE = RadarOptions(cull=False)  # only their distances are asked for
 MOST_SCALE = float(np.finfo(np.float16).max)
 # Neighbors are looked for in every MEET_EVERY-th frame, among agents at LODs up to MEET_LEVEL, in
@@ -40,12 +40,12 @@ class Survey:
     times: (F,) float64, the same in frames of the animation.
     cuts: (F,) bool; True where another camera films than in the frame before.
     kind: (F, n) uint8, one of CULLED, SEEN, SHADOW (casts a shadow into the picture, and is not
-        seen), MIRRORED (a mirror shows it).
+        seen), MIRRORED (a mirror shows it), HIDDEN (scenery hides it and its shadow).
     coarsest: (F, n) uint8, the coarsest LOD that the policy allows. For SHADOW and MIRRORED the LOD
         that they have. 0 for culled agents.
     scale: (F, n) float16, pixels that one meter shows at the agent's nearest part, rounded up; no
         part counts as nearer than the camera's near clip. 0 for agents that are not seen.
-    character: (F, n) uint16, which of the L characters of the library a seen agent shows.
+    character: (F, n) uint8 or uint16, which of the L characters of the library a seen agent shows.
     group: (n,) uint8, the group of each agent.
     owner: (L,) uint8, the group of each character.
     rays: (F,) float64, samples of the pixels that agents cover (levels/cost_model.py).
@@ -88,6 +88,19 @@ class Survey:
     def is_seen(self) -> np.ndarray:
         """(F, n) bool."""
         return self.kind == SEEN
+
+    @property
+    def spans(self) -> tuple[np.ndarray, np.ndarray]:
+        """(n,) intp the first frame in which each agent is seen, and the one after the last; the
+        same for those that never are.
+        """
+        first = np.zeros(len(self.group), np.intp)
+        last = np.zeros(len(self.group), np.intp)
+        for f in range(len(self.times)):
+            is_seen = self.kind[f] == SEEN
+            np.copyto(first, f, where=is_seen & (last == 0))
+            np.copyto(last, f + 1, where=is_seen)
+        return first, last
 
     def of(self, agents: slice) -> "Survey":
         """Return the survey of these agents alone; nobody counts as entered or gone."""
@@ -155,7 +168,7 @@ def empty(
         kind=np.zeros(shape, np.uint8),
         coarsest=np.zeros(shape, np.uint8),
         scale=np.zeros(shape, np.float16),
-        character=np.zeros(shape, np.uint16),
+        character=np.zeros(shape, np.min_scalar_type(max(characters - 1, 0))),
         group=np.asarray(group, np.uint8),
         owner=np.repeat(np.arange(len(library) - 1, dtype=np.uint8), np.diff(library)),
         rays=np.zeros(frames),
@@ -218,6 +231,8 @@ def record(  # noqa: PLR0913 - what a frame tells, and what it follows
         )
     trajectory = frame.trajectory
     visible = frame.buckets.order
+    if frame.hidden is not None:
+        survey.kind[f, frame.hidden] = HIDDEN
     seconds = trajectory.seconds(frame.time)
     for kind, buckets in (
         (SHADOW, frame.shadow),
@@ -284,21 +299,26 @@ def scale_of(frame: Frame, agents: np.ndarray) -> np.ndarray:
     if camera.kind == "ORTHO":
         return np.full(len(agents), _rounded_up(np.array([camera.pixels_per_unit]))[0])
     crowd = frame.crowd
-    most = np.zeros(len(agents))
-    radius = spheres.radius[crowd.group[agents]]
-    for eye in frame.eyes:
-        _, distance = radar(crowd, eye, spheres.center, spheres.reach, EVERYONE, agents)
-        ahead = distance + radius > 0
-        nearest = np.maximum(distance - radius, max(eye.near, 1e-9))
-        most = np.maximum(most, np.where(ahead, eye.pixels_per_unit / nearest, 0.0))
-    return _rounded_up(most)
+    scale = np.empty(len(agents), np.float16)
+    for begin in range(0, len(agents), BLOCK):
+        rows = agents[begin : begin + BLOCK]
+        radius = spheres.radius[crowd.group[rows]]
+        most = np.zeros(len(rows))
+        for eye in frame.eyes:
+            _, distance = radar(crowd, eye, spheres.center, spheres.reach, EVERYONE, rows)
+            nearest = np.maximum(distance - radius, max(eye.near, 1e-9))
+            ahead = distance > -radius
+            np.maximum(most, eye.pixels_per_unit / nearest, out=most, where=ahead)
+        scale[begin : begin + BLOCK] = _rounded_up(most)
+    return scale
 
 
 def _rounded_up(values: np.ndarray) -> np.ndarray:
     """Return `values` as float16, none below its own, at most MOST_SCALE."""
-    scale = np.minimum(values, MOST_SCALE).astype(np.float16)
-    low = scale < np.minimum(values, MOST_SCALE)
-    scale[low] = np.nextafter(scale[low], np.float16(np.inf))
+    values = np.minimum(values, MOST_SCALE)
+    scale = values.astype(np.float16)
+    bits = scale.view(np.uint16)  # the next number of a positive one has the next bits
+    bits += scale < values
     return scale
 
 

@@ -149,6 +149,11 @@ def _paths() -> Iterator[tuple[bpy.types.PropertyGroup, str]]:
                 yield crowd, "tracks_file"
 
 
+def is_saving() -> bool:
+    """Return whether paths in settings are seen from the place of the file that is being saved."""
+    return bool(_file.before)
+
+
 @handler
 def before_saving(path: str, *_) -> None:
     """Rewrite relative paths in settings so that they hold from the new place (save_pre)."""
@@ -178,6 +183,7 @@ def after_saving(path: str, *_) -> None:
     copied = path != bpy.data.filepath
     if copied:
         after_failed_saving()
+    _file.before.clear()
     for text in sorted(_file.unsaved) if path else ():
         target = Path(bpy.path.abspath(_named(text, Path(path).stem), start=os.path.dirname(path)))
         _move(_temporary(text), target, copied)

@@ -12,7 +12,7 @@ from ... import sample_scenes
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
 from ...crowd_lod.frame.frame_range import parse_frames
-from ...crowd_lod.progress import share
+from ...crowd_lod.progress import share, standing
 from ...crowd_lod.reporting import files, tables
 from ..blender import console, frame_stepping
 from ..blender.output_folders import output_file
@@ -22,6 +22,7 @@ from ..render_setup.buttons import check_blur, prepared
 from ..render_setup.cost_estimate import Estimate, estimate
 from ..render_setup.hidden_characters import notes_on_characters
 from ..render_setup.phase_characters import Cast
+from ..scene.plan_verdict import plan_verdict
 from ..scene.scene_crowd import policy_of, trajectory_of
 from ..scene.shot_reference import notes_on_shot
 from ..usd import export as usd
@@ -133,7 +134,9 @@ def build(args, command: list[str]) -> dict:
             name: len(item.data.vertices)
             for name, item in render_setup.points_of(scene.crowd_lod.build).items()
         }
+        verdict = plan_verdict(scene.crowd_lod) if args.bake else ""
         notes = [
+            verdict,
             tables.nobody_seen(points.values()),
             unplanned,
             render_setup.notes_on_cast(scene, cast),
@@ -160,6 +163,7 @@ def build(args, command: list[str]) -> dict:
         "costs": predicted.costs.basis,
         "load_seconds": round(seconds, 3),
         "image_bytes": cast.images,
+        "verdict": verdict,
         "summary": "\n".join(filter(None, lines)),
     }
 
@@ -205,16 +209,20 @@ def _building(
     steps = bake.bake(scene, frames, args.strict) if args.bake else render_setup.build(scene)
     cast = yield from share(steps, 0.3, 1.0)
     # a live build looks the plan up when its frames are shown
-    return predicted, cast, "" if args.bake else _note_on_plan(scene, args.strict)
+    if args.bake:
+        return predicted, cast, ""
+    return predicted, cast, (yield from standing(_note_on_plan(scene, args.strict), 1.0))
 
 
-def _note_on_plan(scene: bpy.types.Scene, strict: bool) -> str:
-    """Return a sentence if the scene's shot plan does not hold; "" if it does, or there is none.
+def _note_on_plan(scene: bpy.types.Scene, strict: bool) -> Generator[float, None, str]:
+    """Find out whether the scene's shot plan holds; yield the progress.
 
+    Returns a sentence if it does not, "" if it does, or there is none.
     CrowdError in its place if that is `strict`.
     """
     settings = scene.crowd_lod
-    sentence = notes_on_shot(scene, trajectory_of(scene), policy_of(settings), bias_of(settings))
+    looking = notes_on_shot(scene, trajectory_of(scene), policy_of(settings), bias_of(settings))
+    sentence = yield from looking
     if sentence and strict:
         raise CrowdError(sentence)
     return sentence
@@ -242,11 +250,13 @@ def export(args, command: list[str]) -> dict:
     exported = finish(usd.export_usd(scene, wanted), f"export of {stem}", args.quiet)
     size = path.stat().st_size
     out = printable(path)
+    verdict = plan_verdict(scene.crowd_lod)
     facts: dict[str, Any] = {
         "agents": exported.agents,
         "prototypes": exported.prototypes,
         "phase_off": exported.off,
         "bytes": size,
+        "verdict": verdict,
     }
     line = f"{counted(len(frames), 'frame')}, {size / 1e6:,.1f} MB: {exported.sentence}"
     return {
@@ -254,7 +264,7 @@ def export(args, command: list[str]) -> dict:
         "frames": frames,
         **facts,
         "notes": exported.notes,
-        "summary": f"{line}\n{out}",
+        "summary": f"{line}\n{verdict}\n{out}",
     }
 
 

@@ -145,7 +145,7 @@ def _color(args, settings) -> str:
     if settings.engine != "OVERLAY" and color not in COLOR_MODES:
         raise CrowdError(
             f"The engine {settings.engine.lower()} has no color {color.lower()}: take --engine "
-            f"overlay, or --color lod or material."
+            f"overlay, or --color lod, material or error."
         )
     return color
 

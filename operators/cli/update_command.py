@@ -9,6 +9,7 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
 from ...crowd_lod.reporting import files
 from ..runs.update_all import update_all, update_sentence
+from ..scene.plan_verdict import plan_verdict
 from .options import add_command, add_scene
 from .scene_files import blend_path, finish, open_scene, save, stem_of
 
@@ -41,8 +42,10 @@ def update_file(args, command: list[str]) -> dict:
     if sentences:
         with files.staged_file(path) as part:
             save(part, path, compress=_is_compressed(path))
-    summary = f"{counted(len(sentences), 'step')} done. {update_sentence(scene, sentences)}\n{out}"
-    return {"out": out, "done": sentences, "summary": summary}
+    verdict = plan_verdict(scene.crowd_lod)
+    done = f"{counted(len(sentences), 'step')} done. {update_sentence(scene, sentences)}"
+    lines = [done, out] if verdict in done else [done, verdict, out]
+    return {"out": out, "done": sentences, "verdict": verdict, "summary": "\n".join(lines)}
 
 
 def _is_compressed(path: Path) -> bool:

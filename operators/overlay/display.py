@@ -5,19 +5,25 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...crowd_lod.crowd.leave_outs import LeftOut
 from ...crowd_lod.culling.camera import Camera
+from ...crowd_lod.culling.occluders import Occluders
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame import Frame
+from ...crowd_lod.frame.hidden import hide
 from ...crowd_lod.frame.hysteresis import hold_levels
 from ...crowd_lod.frame.request import Request
 from ...crowd_lod.levels.assignment import Bias, LevelPolicy
+from ...crowd_lod.shot.frame_errors import worst_error
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_cache, scene_data
 from ..blender.cameras import read_cameras
 from ..blender.image_data import LOOK_AGAIN
+from ..blender.scenery import scenery_of
 from ..characters.stored_groups import groups_of
 from ..machine.scene_world import bias_of
 from ..scene.scene_crowd import policy_of, trajectory_of
+from ..scene.scene_occluders import occluders_of
 from ..scene.shot_exceptions import overlay_inputs
 from ..scene.shot_reference import reference, use_of
 from ..sources.crowd_sources import inputs_of, live
@@ -25,6 +31,7 @@ from . import agent_colors, gpu_culling
 from .appearance import cast_of, colors_of, drawing_of, missing_groups, style_of
 from .draw_data import Style
 from .gpu_batches import Batches, Cast
+from .inset import Above
 from .open_shutter import open_shutter, values_of
 from .viewport_camera import viewpoint
 
@@ -42,7 +49,8 @@ class Display:
     colors: the agents' colors.
     cast, batches: on the GPU.
     draw_began: time in seconds when its last drawing began.
-    above: texture of the frame from above; None until it is needed.
+    worst: pixels by which LODs in sight deviate at most; None if they are not measured.
+    above: the frame from above; None until it is needed.
     notes: sentences for the user.
     problem: a sentence for the user, if nothing can be shown.
     """
@@ -56,7 +64,8 @@ class Display:
     cast: Cast | None = None
     batches: Batches | None = None
     draw_began: float = 0.0
-    above: object = None
+    worst: float | None = None
+    above: Above | None = None
     notes: tuple[str, ...] = ()
     problem: str | None = None
 
@@ -65,6 +74,8 @@ class Display:
 class _View:
     """What the next frame of a viewport is made from, besides the crowd.
 
+    occluders: scenery that may hide agents from the scene's camera; None hides nobody.
+    refused: why other scenery may not.
     region: the viewport's region if its own view plans the crowd; None if the scene's camera does.
     eyes: the cameras that the plan is for.
     shutter: read_shutter's answer; () without motion blur, or while it is not known.
@@ -80,6 +91,8 @@ class _View:
     characters: tuple
     notes: tuple[str, ...]
     inputs: tuple
+    occluders: Occluders | None = None
+    refused: tuple[LeftOut, ...] = ()
 
 
 def _view_of(context) -> _View:
@@ -94,6 +107,9 @@ def _view_of(context) -> _View:
     shutter: tuple = ()
     if region is None and not live(settings):
         key, shutter = open_shutter(scene, time, eyes)
+    occluders, refused = None, ()
+    if region is None and settings.occlusion:
+        occluders, refused = occluders_of(scene, scenery_of(scene, depsgraph), depsgraph, (), None)
     style, characters, notes = style_of(scene, policy.count)
     notes = missing_groups(settings) or notes  # LODs are made for the names that Populate gives
     inputs = (
@@ -108,9 +124,21 @@ def _view_of(context) -> _View:
         round(settings.overlay_fade, 6),
         reference(settings),
         *overlay_inputs(settings),
+        # parts that have not changed are the same occluders (blender/occluders.py)
+        occluders,
     )
     return _View(
-        region, tuple(eyes), policy, time, tuple(shutter), style, characters, notes, inputs
+        region,
+        tuple(eyes),
+        policy,
+        time,
+        tuple(shutter),
+        style,
+        characters,
+        notes,
+        inputs,
+        occluders,
+        refused,
     )
 
 
@@ -164,6 +192,7 @@ def display_now(context, before: Display | None) -> Display:
             looked=looked,
             frame=frame,
             notes=(*view.notes, *filter(None, [frame.unplanned])),
+            worst=worst_error(frame),
         )
         _upload(display, context.scene.crowd_lod, view, before if same_cast else None, before)
         return display
@@ -179,7 +208,8 @@ def _plan_frame(settings, view: _View, trajectory: Trajectory, bias: Bias | None
     request = Request(
         time=view.time, eyes=view.eyes, policy=view.policy, shutter=view.shutter, bias=bias
     )
-    return use.applied(_faster.plan_of(trajectory, request))
+    frame, _ = hide(_faster.plan_of(trajectory, request), view.occluders)
+    return use.applied(replace(frame, left_out=(*frame.left_out, *view.refused)))
 
 
 def _upload(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...crowd_lod.format import counted
+from ...crowd_lod.format import counted, number
 from ...crowd_lod.frame.agent_under_cursor import Account
 from ...crowd_lod.frame.frame import Frame
 from ..blender.color_space import to_srgb
@@ -20,6 +20,8 @@ STAGES = {
     "culling": "Culling",
     "levels": "Levels",
     "sorting": "Sorting",
+    "occlusion": "Occlusion",
+    "surroundings": "Shadows",
     "drawing": "Drawing",
 }
 # sRGB
@@ -53,12 +55,14 @@ def figures(
     colors: Colors,
     account: Account | None = None,
     notes: Sequence[str] = (),
+    worst: float | None = None,
 ) -> tuple[Line, ...]:
     """Return the overlay's lines of text about `frame`, with the legend of its colors.
 
     colors: of the agents.
     account: of the picked agent, or None.
     notes: sentences for the user.
+    worst: pixels by which LODs in sight deviate at most; None if that is not known.
     """
     agents = frame.crowd.there
     visible = len(frame.buckets.order)
@@ -73,6 +77,8 @@ def figures(
     lines += map(Line, notes)
     if frame.full_triangles:
         lines.append(Line(f"Triangles  {share(frame.triangles, frame.full_triangles)} without LOD"))
+    if worst is not None:
+        lines.append(Line(f"Largest error  {number(worst)} px"))
     if account is not None:
         lines.append(
             Line(
@@ -117,12 +123,12 @@ def share(drawn: int, full: int) -> str:
     return f"{short(drawn)} of {short(full)}"
 
 
-def short(number: int) -> str:
-    """Return a number with three digits and a letter: 12,345,678 gives 12.3 M."""
+def short(count: int) -> str:
+    """Return a count with three digits and a letter: 12,345,678 gives 12.3 M."""
     for least, unit, letter in ((1e9, 1e9, "G"), (1e6, 1e6, "M"), (1e4, 1e3, "k")):
-        if number >= least:
-            return f"{number / unit:.3g} {letter}"
-    return f"{number:,}"
+        if count >= least:
+            return f"{count / unit:.3g} {letter}"
+    return f"{count:,}"
 
 
 def wrap_lines(lines: Sequence[Line], letters: int, rows: int) -> list[Line]:
@@ -164,18 +170,18 @@ def write(
         return left, top
     width = indent + max(blf.dimensions(0, line.text)[0] for line in fitting)
     edge = MARGIN * ui_scale / 2
-    _fill(
+    fill(
         left + edge,
         top - len(fitting) * line_height - 2 * edge,
         left + width + 2 * edge,
         top,
         BEHIND,
     )
-    for number, line in enumerate(fitting, start=1):
-        base = top - number * line_height
+    for row, line in enumerate(fitting, start=1):
+        base = top - row * line_height
         if line.color is not None:
             color = to_srgb(np.array([*line.color, 1.0], np.float32))
-            _fill(
+            fill(
                 left + 2 * edge,
                 base,
                 left + 2 * edge + line_height / 2,
@@ -188,7 +194,7 @@ def write(
     return left + width + 2 * edge, top - len(fitting) * line_height - 2 * edge
 
 
-def _fill(left: float, bottom: float, right: float, top: float, color) -> None:
+def fill(left: float, bottom: float, right: float, top: float, color) -> None:
     """Fill a rectangle of the region, in pixels, with an sRGB color."""
     import gpu
     from gpu_extras.batch import batch_for_shader

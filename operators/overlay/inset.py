@@ -4,15 +4,16 @@ Source: chapter figure 1.5. Agents are points; the camera's frustum and LOD rang
 Off-color pixels of the label map are points over the agents.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...crowd_lod.crowd.maps import Area
-from .draw_data import Drawing
+from .draw_data import CULLED, FRUSTUM, Drawing
 from .gpu_batches import Batches
 from .gpu_draw import paint
+from .hud import LETTERS, MARGIN, WHITE, Line, fill, write
 
 if TYPE_CHECKING:
     from gpu.types import GPUTexture
@@ -24,6 +25,29 @@ INSET_MARGIN = 10.0  # nominal pixels
 POINTS = 0.6  # how large agents are, compared with those in the viewport
 BACKGROUND = 0.02, 0.02, 0.02, 1.0  # linear
 STRAY = 1.0, 0.0, 1.0, 1.0  # linear RGBA, of the map's off-color pixels
+CAPTIONED = 0.6  # of SIZE, below which it has no title, legend and scale
+CAPTIONS = (
+    Line("From above"),
+    Line("Camera's view", FRUSTUM[:3]),
+    Line("Culled", CULLED[:3]),
+)
+
+
+@dataclass(frozen=True)
+class Above:
+    """The crowd from above.
+
+    texture: the picture, sRGB.
+    width: units of the scene that it is wide.
+    """
+
+    texture: "GPUTexture"
+    width: float
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Pixels."""
+        return self.texture.width, self.texture.height
 
 
 def with_strays(drawing: Drawing, strays: np.ndarray) -> Drawing:
@@ -92,14 +116,20 @@ def picture(
 
 
 def show(
-    texture, box: tuple[float, float, float, float], legend: tuple[float, float], ui_scale: float
+    above: Above,
+    box: tuple[float, float, float, float],
+    legend: tuple[float, float],
+    ui_scale: float,
+    meters: float,
 ) -> None:
-    """Draw the texture in the box's bottom right corner, beside or below the text.
+    """Draw the picture with title, legend and scale in the box's bottom right corner.
 
-    Draws nothing where it would be smaller than SMALLEST of its size.
+    It lies beside or below the text. Draws nothing where it would be smaller than SMALLEST of its
+    size.
 
     box: (left, bottom, right, top) in pixels of the region.
     legend: (right, bottom) of the text, which begins in the box's top left corner.
+    meters: in a unit of the scene.
     """
     from gpu_extras.presets import draw_texture_2d
 
@@ -108,8 +138,39 @@ def show(
     margin = INSET_MARGIN * ui_scale
     free = max((right - legend[0] - 2 * margin) / width, (legend[1] - bottom - 2 * margin) / height)
     scale = min(ui_scale, free, MOST * (right - left) / width, MOST * (top - bottom) / height)
-    if scale >= SMALLEST * ui_scale:
-        at = right - margin - scale * width, bottom + margin
-        draw_texture_2d(
-            texture, at, scale * width, scale * height, is_scene_linear_with_rec709_srgb_target=True
-        )
+    if scale < SMALLEST * ui_scale:
+        return
+    wide = scale * width
+    tall = scale * height
+    at = right - margin - wide, bottom + margin
+    draw_texture_2d(above.texture, at, wide, tall, is_scene_linear_with_rec709_srgb_target=True)
+    if scale >= CAPTIONED * ui_scale:
+        frame = at[0], at[1], at[0] + wide, at[1] + tall
+        write(CAPTIONS, frame, ui_scale)
+        length, said = scale_bar(above.width * meters / 4)
+        draw_scale(said, length / meters / above.width * wide, frame, ui_scale)
+
+
+def scale_bar(longest: float) -> tuple[float, str]:
+    """Return (meters, text) of the longest round length up to `longest` meters."""
+    unit = 10.0 ** np.floor(np.log10(longest))
+    length = unit * max(step for step in (1, 2, 5) if step * unit <= longest * (1 + 1e-9))
+    return length, f"{length / 1000:g} km" if length >= 1000 else f"{length:g} m"
+
+
+def draw_scale(
+    said: str, length: float, frame: tuple[float, float, float, float], ui_scale: float
+) -> None:
+    """Draw a bar `length` pixels long in the lower right corner of `frame`, with its text above.
+
+    frame: (left, bottom, right, top) in pixels of the region.
+    """
+    import blf
+
+    right = frame[2] - MARGIN * ui_scale
+    base = frame[1] + MARGIN * ui_scale
+    fill(right - length, base, right, base + 2 * ui_scale, WHITE)
+    blf.size(0, LETTERS * ui_scale)
+    blf.color(0, *WHITE)
+    blf.position(0, right - blf.dimensions(0, said)[0], base + 6 * ui_scale, 0)
+    blf.draw(0, said)

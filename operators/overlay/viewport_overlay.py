@@ -4,7 +4,6 @@ import sys
 import time as clock
 import traceback
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
@@ -28,10 +27,6 @@ from .draw_data import Style, drawing
 from .gpu_batches import Batches
 from .gpu_draw import paint
 from .open_shutter import read_shutters
-
-if TYPE_CHECKING:
-    from gpu.types import GPUTexture
-
 
 _handlers = []
 _displays: dict[int, Display] = scene_cache.add_cache({}, by_scene=True)
@@ -172,24 +167,24 @@ def _draw_figures(context) -> None:
     legend = box[0], box[3]
     if settings.hud and main:
         notes = (*display.notes, *filter(None, [steps_back(context)]))
-        lines = hud.figures(display.frame, display.colors, account, notes)
+        lines = hud.figures(display.frame, display.colors, account, notes, display.worst)
         legend = hud.write(lines, box, ui_scale)
     if above is not None:
-        inset.show(above, box, legend, ui_scale)
+        inset.show(above, box, legend, ui_scale, scene_data.meters(scene))
 
 
-def picture_from_above(display: Display, ui_scale: float) -> "GPUTexture":
-    """Return the texture of the frame from above, painted once per frame."""
-    if display.above is None or (display.above.width, display.above.height) != inset.pixels(
-        ui_scale
-    ):
+def picture_from_above(display: Display, ui_scale: float) -> inset.Above:
+    """Return the picture of the frame from above, painted once per frame."""
+    size = inset.pixels(ui_scale)
+    if display.above is None or display.above.size != size:
         trajectory = display.frame.trajectory
         points = inset.with_strays(
             drawing(display.frame, Style("POINTS"), display.colors), stray_places(trajectory)
         )
         places = np.concatenate([points.positions, points.lines.reshape(-1, 3), np.zeros((1, 3))])
         view, projection = inset.from_above(trajectory.area, points.origin, places)
-        display.above = inset.picture(Batches(points), view, projection, ui_scale)
+        texture = inset.picture(Batches(points), view, projection, ui_scale)
+        display.above = inset.Above(texture, float(2 / projection[0, 0]))
     return display.above
 
 

@@ -12,11 +12,13 @@ from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.progress import Made, share, standing
 from ..blender import cleanup, frame_stepping, scene_data
 from ..blender.operator import Reporting, Stepwise
-from ..blender.output_index import note_output
+from ..characters.cast_provenance import reading_afresh
 from ..characters.group_measuring import measure_groups
 from ..characters.stored_groups import groups_of, store_groups
 from ..lod_meshes.make_lods import make_levels
+from ..overlay.crowd_picture import note_with_picture
 from ..scene import lights
+from ..scene.plan_verdict import plan_verdict
 from ..scene.scene_crowd import frame_of, trajectory_of
 from ..settings import needs
 from ..sources.crowd_sources import check_recorded
@@ -67,6 +69,7 @@ def prepared(
             hide_characters(scene)
             watch_points(scene)
             update(scene, layer.depsgraph)
+            yield from standing(reading_afresh(scene), 1.0)
             note_build(scene)
             finished = True
             return result
@@ -104,16 +107,17 @@ def bake_frames(scene: bpy.types.Scene) -> Generator[float, None, str]:
     """Bake the frames that `scene` renders: yield the progress, return a sentence on them."""
     frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
     cast = yield from prepared(scene, lambda: bake(scene, frames), frames)
+    verdict = plan_verdict(scene.crowd_lod)
     sentences = (
         f"{counted(len(frames), 'frame is', 'frames are')} baked: {shot_frames(frames)}.",
-        scene.crowd_lod.shot_verdict * scene.crowd_lod.use_shot_plan,
+        verdict,
         notes_on_cast(scene, cast),
         notes_on_characters(scene),
         frame_stepping.describe_unbaked(scene),
     )
     sentence = " ".join(filter(None, sentences))
     with suppress(CrowdError):  # the bake itself needs no folder
-        note_output(scene, "bake", sentence)
+        note_with_picture(scene, "bake", verdict, frames)
     return sentence
 
 

@@ -12,7 +12,6 @@ from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import HIDDEN, note_of
 from ...crowd_lod.progress import share
-from ...crowd_lod.reporting import tables
 from ...crowd_lod.validation import image_difference
 from ...crowd_lod.validation.judged_agents import JudgedAgent, choose_agents
 from ...crowd_lod.validation.render_proof import agents_row
@@ -122,7 +121,7 @@ class Proof:
         pictures = self.pictures(number)
         if crops:
             pictures.append(self.folder / f"frame_{number:04d}_agents.png")
-            image_data.save_png(pictures[-1], tables.contact_sheet(sheet_of(crops), columns=1))
+            image_data.save_png(pictures[-1], sheet_of(crops))
         account = {
             "row": row,
             "agents": agents,

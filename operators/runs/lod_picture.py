@@ -6,21 +6,19 @@ One row shows the meshes with their edges, the other is tinted by the distance t
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import bpy
 import numpy as np
 
 from ...crowd_lod.format import number
 from ...crowd_lod.simplification import rasterizer
-from ..blender import mesh_data
 from ..lod_meshes.surface import Surface
 from ..lod_meshes.worst_place import InPose
+from .lettering import write
 
 SUPERSAMPLING = 2  # pixels drawn across a pixel of the picture
 TALL = 380  # pixels of the character's height
 GAP = 22  # pixels
 LETTER = 15  # pixels high
 PAPER = (0.94, 0.945, 0.955)
-INK = (0.13, 0.14, 0.17)
 CLAY = (0.66, 0.71, 0.79)
 EDGE = (0.10, 0.16, 0.30)
 # surface that nobody sees; a LOD's worst place
@@ -90,7 +88,8 @@ def draw_lods(
             pixel, _, _, shade, _ = _look(places, inner, fine)
             _paste(sheet, GAP, layout.left(k), pixel, np.array(HIDDEN) * shade[:, None], size)
         _write_captions(sheet, layout, k, captions[k], notes[k])
-    _draw_color_bar(sheet, layout, most)
+    if most:
+        _draw_color_bar(sheet, layout, most)
     pixels = np.full((*sheet.shape[:2], 4), 255, np.uint8)
     pixels[..., :3] = np.rint(sheet * 255)
     return pixels, most
@@ -170,9 +169,10 @@ def _write_captions(sheet: np.ndarray, layout: _Layout, k: int, caption: str, no
     """Write the title and the caption of LOD `k` above it, and its note below."""
     middle = GAP + k * layout.cell + (layout.cell - GAP) / 2
     above = 2 * layout.height + 3 * GAP
-    write(sheet, f"LOD {k}", middle, above + 2.1 * LETTER, 1.25 * LETTER, "CENTER")
-    write(sheet, caption, middle, above + 0.5 * LETTER, LETTER, "CENTER")
-    write(sheet, note, middle, GAP - 1.2 * LETTER, LETTER, "CENTER")
+    title = middle, above + 2.1 * LETTER
+    write(sheet, f"LOD {k}", title, 1.25 * LETTER, align="CENTER")
+    write(sheet, caption, (middle, above + 0.5 * LETTER), LETTER, align="CENTER")
+    write(sheet, note, (middle, GAP - 1.2 * LETTER), LETTER, align="CENTER")
 
 
 def _draw_color_bar(sheet: np.ndarray, layout: _Layout, most: float) -> None:
@@ -184,10 +184,10 @@ def _draw_color_bar(sheet: np.ndarray, layout: _Layout, most: float) -> None:
     sheet[bottom : bottom + height, left : left + LETTER] = colors[:, None]
     for decade in range(DECADES + 1):
         words = f"{number(1000 * most / 10**decade)} mm"
-        words = f"< {words}" if decade == DECADES and most else words
+        words = f"< {words}" if decade == DECADES else words
         part = 1 - decade / DECADES
         row = bottom + part * height - 0.35 * LETTER
-        write(sheet, words, left + 1.5 * LETTER, row, LETTER)
+        write(sheet, words, (left + 1.5 * LETTER, row), LETTER)
 
 
 def _ring(sheet: np.ndarray, row: float, column: float) -> None:
@@ -260,32 +260,3 @@ def _paste(
     fine.reshape(-1, 3)[pixel] = colors
     blocks = fine.reshape(shape[0], SUPERSAMPLING, shape[1], SUPERSAMPLING, 3)
     sheet[row : row + shape[0], left : left + shape[1]] = blocks.mean(axis=(1, 3))
-
-
-def write(
-    sheet: np.ndarray, words: str, x: float, y: float, tall: float, align: str = "LEFT"
-) -> None:
-    """Write `words` over the sheet (rows, columns, 3) in Blender's own font.
-
-    x, y: pixels: the left end, or the middle by `align`, and the base line.
-    tall: size of the letters, pixels.
-    """
-    curve = bpy.data.curves.new("Crowd LOD words", "FONT")
-    curve.body = words
-    curve.align_x = align
-    curve.size = tall
-    item = bpy.data.objects.new(curve.name, curve)
-    mesh = bpy.data.meshes.new_from_object(item)
-    try:
-        points, triangles, _, _ = mesh_data.read_triangles(mesh)
-    finally:
-        bpy.data.batch_remove([item, curve, mesh])
-    finer = 4
-    at = points[:, :2].astype(np.float64) + (x, y)
-    left, low = np.floor(at.min(axis=0)).astype(int).clip(0)
-    part = sheet[low : int(at[:, 1].max()) + 2, left : int(at[:, 0].max()) + 2]
-    rows, columns = part.shape[:2]
-    ink = rasterizer.mask(((at - (left, low)) * finer)[triangles], (rows * finer, columns * finer))
-    part += ink.reshape(rows, finer, columns, finer).mean(axis=(1, 3))[..., None] * (
-        np.array(INK) - part
-    )

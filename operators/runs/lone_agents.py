@@ -12,6 +12,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.culling.camera import Camera, Window
+from ...crowd_lod.format import number
 from ...crowd_lod.srgb import encoded
 from ...crowd_lod.validation import silhouette
 from ...crowd_lod.validation.judged_agents import JudgedAgent
@@ -19,7 +20,8 @@ from ...crowd_lod.validation.render_proof import worst_agents
 from ..blender import cleanup, console, image_data, mesh_data, scene_data
 from ..render_setup.appended_builds import STAGE
 from ..render_setup.nodes import trees
-from .verify_pictures import amplified
+from .lettering import labeled_sheet
+from .verify_pictures import AGENT_TITLES, amplified
 
 SAMPLES = 4  # a pixel
 # pixels of a crop across the shift that is allowed, as far as its larger side then has no more than
@@ -238,19 +240,24 @@ def facts_of(
     }
 
 
-def sheet_of(crops: Sequence[LoneCrop]) -> list[np.ndarray]:
-    """Return a tile for each of the worst crops, (rows, columns, 4) uint8, the worst first.
+def sheet_of(crops: Sequence[LoneCrop]) -> np.ndarray:
+    """Return the picture of the worst crops, (rows, columns, 4) uint8, the worst first.
 
     Side by side: at full detail, as built, and where they differ, amplified.
     """
     tiles = []
+    labels = []
     for k in worst_agents([crop.facts for crop in crops]):
         crop = crops[k]
         step = max(1, int(np.ceil(max(crop.full.shape[:2]) / TILE)))
         pair = [_over_gray(values[::step, ::step]) for values in (crop.full, crop.as_built)]
         difference = amplified(*(picture / np.float32(255) for picture in pair))
-        tiles.append(np.concatenate([*pair, difference], axis=1))
-    return tiles
+        tiles += [*pair, difference]
+        labels.append(
+            f"Agent {crop.facts['agent']:,}\nLOD {crop.facts['lod']}\n"
+            f"{number(crop.facts['shift_px'])} px off"
+        )
+    return labeled_sheet(tiles, len(AGENT_TITLES), AGENT_TITLES, labels)
 
 
 def _over_gray(values: np.ndarray) -> np.ndarray:

@@ -23,7 +23,7 @@ from ...crowd_lod.reporting.frame_parts import FrameParts
 from ...crowd_lod.reporting.html_report import page
 from ...crowd_lod.reporting.shot_page import preview_page
 from ...crowd_lod.shot import plan_file
-from ...crowd_lod.shot.frame_errors import errors_of
+from ...crowd_lod.shot.frame_errors import worst_error
 from ..blender import cameras, cleanup, frame_stepping, image_data, scene_data
 from ..blender.operator import Stepwise
 from ..blender.output_folders import output_folder, place_of
@@ -33,6 +33,9 @@ from ..characters.stored_groups import groups_of, store_groups
 from ..lod_meshes.deviation import measure_levels
 from ..lod_meshes.made_for import to_make_again
 from ..lod_meshes.make_lods import make_levels
+from ..overlay.agent_colors import by_level
+from ..overlay.appearance import colors_of
+from ..overlay.draw_data import FRUSTUM
 from ..overlay.playblast import Playblast, need_gpu
 from ..scene import lights
 from ..scene.scene_crowd import characters_of, frame_of, policy_of, trajectory_of
@@ -40,6 +43,7 @@ from ..settings import needs
 from ..shot.shot_plan import PlannedShot, plan_shot, shot_json, wanted_of, write_levels
 from ..sources.record_points import on_record
 from . import lod_table, top_view
+from .lettering import Legend, labeled_sheet
 from .preview_plan import plan_json
 from .preview_stage import Preview, Rendered, Staged, color_of, leaves_out, shade, sized, staged
 from .shared_frames import ALONE, Sharing, make_frames, state_of
@@ -90,14 +94,14 @@ def preview(
         shot = yield from share(_planned_shot(on.stage, task, plan_folder), ready, ready + PLANNED)
         ready += PLANNED * (shot is not None)
         run = _begin(on, folder, opened)
-        lods, frames = yield from _picture(run, sharing, ready)
+        lods, frames, legends = yield from _picture(run, sharing, ready)
         if sharing.part is not None:
             return {"frames": [frame["row"] for frame in frames]}
         plan = yield from standing(_describe(run, command, lods, frames), 0.95)
         if shot is not None:
             plan |= {key: shot_json(shot)[key] for key in ("made_for", "shot")}
         plan["seconds"] = round(clock.perf_counter() - started, 3)
-        _write(run, frames, plan, shot)
+        _write(run, frames, plan, shot, legends)
         yield 1.0
         return plan
 
@@ -130,25 +134,28 @@ def _begin(on: Staged, folder: Path, opened: contextlib.ExitStack) -> "_Run":
 
 def _picture(
     run: "_Run", sharing: Sharing, ready: float
-) -> Generator[float, None, tuple[list[dict], list[dict]]]:
+) -> Generator[float, None, tuple[list[dict], list[dict], list[Legend]]]:
     """Picture the LODs and the frames: yield the progress, from `ready` to 0.95.
 
-    Returns (what is told of the LODs, what is told of each frame; see FrameParts.store).
+    Returns (what is told of the LODs, what is told of each frame, see FrameParts.store, the
+    legends of the pictures' colors).
     """
     stage = run.on.stage
     frames = run.on.task.frames
     parts = FrameParts(run.folder, state_of(stage, run.on.task))
     lods = []
+    legends = []
     with sharing.helped(parts, frames) as helpers:
         if sharing.part is None:  # while other processes make frames
             first = yield from standing(run.at_first(), ready)
             groups = first.trajectory.groups
+            legends = legends_of(run.on.task.color, first)
             describing = lod_table.tables(stage, groups, first.camera, first.begins, run.folder)
             lods = yield from share(describing, ready, ready + LODS)
             ready += LODS
         making = make_frames(parts, frames, sharing, run.shots.prepare, run.shoot, helpers)
         pictured = yield from share(making, ready, 0.95)
-    return lods, pictured
+    return lods, pictured, legends
 
 
 def _describe(
@@ -167,7 +174,13 @@ def _describe(
     return plan_json(run.on, command, rows, lods, tuple(filter(None, notes)))
 
 
-def _write(run: "_Run", frames: list[dict], plan: dict[str, Any], shot: PlannedShot | None) -> None:
+def _write(
+    run: "_Run",
+    frames: list[dict],
+    plan: dict[str, Any],
+    shot: PlannedShot | None,
+    legends: list[Legend],
+) -> None:
     """Write the preview's files: its table, its plan, its report, and a sheet of pictures."""
     folder = run.folder
     report = page(plan) if shot is None else preview_page(shot.report, plan)
@@ -176,7 +189,7 @@ def _write(run: "_Run", frames: list[dict], plan: dict[str, Any], shot: PlannedS
     (folder / "plan.json").write_text(tables.to_json(plan), encoding="utf-8")
     (folder / "report.html").write_text(report, encoding="utf-8")
     pictures = [run.pictures(number) for number in run.on.task.frames]
-    image_data.save_png(folder / "contact_sheet.png", _sheet(pictures))
+    image_data.save_png(folder / "contact_sheet.png", _sheet(pictures, legends))
 
 
 def _with_levels(stage: bpy.types.Scene) -> Generator[float, None, float]:
@@ -317,8 +330,8 @@ class _Run:
 
 def _caption(frame: Frame) -> str:
     visible = int(frame.visible.sum())
-    errors = errors_of(frame)
-    worst = "" if errors is None else f", {number(float(errors.max(initial=0.0)))} px off"
+    error = worst_error(frame)
+    worst = "" if error is None else f", at most {number(error)} px off"
     return f"{visible:,} of {frame.crowd.there:,} in sight, {frame.triangles:,} triangles{worst}"
 
 
@@ -327,7 +340,28 @@ def verdict_in(plan: dict[str, Any]) -> str:
     return plan["shot"]["verdict"]["sentence"] if "shot" in plan else ""
 
 
-def _sheet(pictures: list[tuple[Path, Path]]) -> np.ndarray:
+def legends_of(color: str, frame: Frame) -> list[Legend]:
+    """Return what the colors of the camera's pictures mean, and those of the pictures from above.
+
+    color: of Preview. frame: any of the shot.
+    """
+    by_lod = by_level(frame)
+    lods = [(name, by_lod.of_name(k)) for k, name in enumerate(by_lod.names)]
+    above: Legend = [
+        ("From above:", None),
+        *lods,
+        ("culled", top_view.CULLED),
+        ("camera's view", FRUSTUM),
+        ("lines: where LODs begin", by_lod.of_name(1)),
+    ]
+    if color == "MATERIAL":
+        return [above]
+    colors = colors_of(color, frame, ())
+    names = [(name, colors.of_name(k)) for k, name in enumerate(colors.names)]
+    return [[("From the camera:", None), *names], above]
+
+
+def _sheet(pictures: list[tuple[Path, Path]], legends: list[Legend]) -> np.ndarray:
     """Return the contact sheet, two frames in a row.
 
     An odd number of frames has one in a row, so that no place stays empty. Each has its main
@@ -338,7 +372,7 @@ def _sheet(pictures: list[tuple[Path, Path]]) -> np.ndarray:
     shrunk = [
         tables.shrink(image_data.load_pixels(path), THUMBNAIL) for pair in pairs for path in pair
     ]
-    return tables.contact_sheet(shrunk, columns=2 if len(pairs) % 2 else 4)
+    return labeled_sheet(shrunk, 2 if len(pairs) % 2 else 4, legends=legends)
 
 
 class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):

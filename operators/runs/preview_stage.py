@@ -6,10 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
+import numpy as np
 
 from ...crowd_lod.frame.frame import Frame
-from ..blender import cameras, image_data, scene_data
+from ..blender import cameras, image_data, mesh_data, scene_data
 from ..blender.shader_nodes import switch_nodes_on
+from ..overlay.agent_colors import by_error
 from ..render_setup import frame_update, render_setup, view_layers
 from ..render_setup.appended_builds import STAGE
 from ..render_setup.hidden_characters import shows_characters
@@ -22,6 +24,7 @@ ENGINES = {
     "OVERLAY": "BLENDER_WORKBENCH",
 }
 COLOR_MODES = tuple(name for name, *_ in COLORS)  # that every engine has
+TINTED = "LOD", "ERROR"  # of COLOR_MODES, those without materials
 SIZE = "resolution_x", "resolution_y", "resolution_percentage"
 GRAY = (0.55, 0.58, 0.62)  # the sky of the tinted pictures, linear
 
@@ -121,7 +124,7 @@ def set_up(stage: bpy.types.Scene, task: Preview) -> None:
         stage.world = _world()
     if task.engine == "CYCLES":
         stage.cycles.samples = min(stage.cycles.samples, 16)
-        stage.cycles.max_bounces = min(stage.cycles.max_bounces, 1 if task.color == "LOD" else 4)
+        stage.cycles.max_bounces = min(stage.cycles.max_bounces, 1 if task.color in TINTED else 4)
 
 
 def leaves_out(scene: bpy.types.Scene) -> bool:
@@ -163,7 +166,9 @@ class Rendered:
         self.layer = stage.view_layers[0]
         self.task = task
         self.built = None
-        self.tint = _tint_material() if task.color == "LOD" and task.engine != "WORKBENCH" else None
+        tints = task.color in TINTED and task.engine != "WORKBENCH"
+        self.tint = _tint_material() if tints else None
+        self.tinted_points: list[bpy.types.Object] = []
 
     def prepare(self) -> Iterator[float]:
         yield from render_setup.build(self.stage)
@@ -175,6 +180,36 @@ class Rendered:
         self.stage.crowd_lod.build = self.built
         frame_update.update(self.stage, self.layer.depsgraph)
         self.stage.crowd_lod.build = None
+        if self.task.color == "ERROR":
+            self._tint_by_error(frame)
+
+    def _tint_by_error(self, frame: Frame) -> None:
+        """Show copies of the LODs' points instead, an object for each color.
+
+        Workbench knows no color but that of objects.
+        """
+        meshes = [item.data for item in self.tinted_points]
+        bpy.data.batch_remove([*self.tinted_points, *meshes])
+        self.tinted_points = []
+        colors = by_error(frame)
+        for name, points in render_setup.points_of(self.built).items():
+            if not name.startswith("LOD "):
+                continue
+            points.hide_render = True
+            rows = mesh_data.read_points(points.data)
+            tints = colors.index[rows["id"]] if "id" in rows else np.empty(0, np.uint8)
+            for tint in np.unique(tints):
+                item = points.copy()
+                del item[render_setup.LEVEL]
+                item.data = bpy.data.meshes.new(item.name)
+                item.color = colors.palette[tint]
+                item.hide_render = False
+                mesh_data.write_points(
+                    item.data, {key: values[tints == tint] for key, values in rows.items()}
+                )
+                for collection in points.users_collection:
+                    collection.objects.link(item)
+                self.tinted_points.append(item)
 
     def main(self, path: Path, caption: str) -> None:
         self.layer.material_override = self.tint

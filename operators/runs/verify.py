@@ -25,6 +25,7 @@ from ..render_setup import frame_update
 from ..scene.scene_crowd import characters_of, frame_of, trajectory_of
 from ..sources.record_points import on_record
 from .frame_proof import Proof
+from .lettering import labeled_sheet
 from .lone_agents import LoneStage
 from .shared_frames import ALONE, Sharing, make_frames, state_of
 from .verify_build import (
@@ -33,7 +34,7 @@ from .verify_build import (
     build_of,
 )
 from .verify_notes import never_shown, unjudged, unlike_renders, what_is_not_proved
-from .verify_pictures import AMPLIFIED, PICTURES
+from .verify_pictures import AMPLIFIED, PICTURES, TITLES
 from .verify_stage import (
     Verify,
     set_up_cycles,
@@ -66,7 +67,8 @@ def verify(
         characters_of(scene)
         left_out = never_shown(scene)
         not_proved = what_is_not_proved(scene, task)
-        proved = build_of(scene, task.frames if sharing.part is None else sharing.part)
+        frames_proved = task.frames if sharing.part is None else sharing.part
+        proved = yield from standing(build_of(scene, frames_proved), 0.0)
         left_out += unlike_renders(scene, proved)
         size = _set_up(scene, task, proved, opened)
         yield from _prepare_crowd(scene)
@@ -170,7 +172,9 @@ def _write(run: Proof, result: dict[str, Any]) -> None:
     (folder / "report.html").write_text(verify_page(title, result), encoding="utf-8")
     frames = spread_evenly(run.task.frames, MOST_PROVED_IN_SHEET)
     tiles = [image_data.load_pixels(path) for number in frames for path in run.pictures(number)]
-    sheet = tables.contact_sheet(tiles, columns=len(PICTURES) + 3)
+    lights = ("", "\nwith bounces") if run.task.bounces else ("",)
+    labels = [f"Frame {number}{light}" for number in frames for light in lights]
+    sheet = labeled_sheet(tiles, len(TITLES), TITLES, labels)
     image_data.save_png(folder / "contact_sheet.png", sheet)
 
 

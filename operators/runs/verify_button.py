@@ -37,13 +37,17 @@ def _build_of(scene: bpy.types.Scene) -> object:
 
 
 def _show_agents(path: Path) -> None:
-    """Keep the picture of the worst agents as the image PROOF, for Blender's Image Editor."""
+    """Keep the picture of the worst agents in the file as the image PROOF, for the Image Editor."""
     if not path.is_file():
         return
     image = bpy.data.images.get(PROOF) or bpy.data.images.load(str(path))
     image.name = PROOF
+    image.use_fake_user = True  # nothing else uses it
+    if image.packed_file is not None:
+        image.unpack(method="REMOVE")
     image.filepath = str(path)
     image.reload()
+    image.pack()
 
 
 class CROWDLOD_OT_verify(Stepwise, bpy.types.Operator):

@@ -20,6 +20,16 @@ PICTURES = {
     "c": "as built",
 }
 COMPARED = "b", "bare", "c"  # with "a"
+TITLES = (  # of the contact sheet's columns: PICTURES, then how COMPARED differ
+    "Everyone, full detail",
+    "Culled, full detail",
+    "Only who is in the picture",
+    "As built",
+    "Difference: culled",
+    "Difference: only those",
+    "Difference: as built",
+)
+AGENT_TITLES = "Full detail", "As built", "Difference, amplified"
 # in the pictures of differences: times, and at least, of 255
 AMPLIFIED = 16
 FAINTEST = 60

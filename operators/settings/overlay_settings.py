@@ -8,7 +8,7 @@ OVERLAY_COLORS = (
     ("STATE", "By State", "The colors of the state machine"),
     ("GROUP", "By Group", "A color a character group"),
     ("REASON", "By Reason", "Why an agent is culled, or has not the finest LOD"),
-    ("ERROR", "By Error", "How many pixels an agent's LOD may be off: green to red"),
+    COLORS[2],
     ("MATERIAL", "Materials", "Base color or image of the characters' own materials"),
 )
 

@@ -10,7 +10,8 @@ from ...crowd_lod.format import printable
 from ..blender import scene_data
 from ..blender.operator import Stepwise
 from ..blender.output_folders import output_folder, place_of, with_ending
-from ..blender.output_index import note_output
+from ..overlay.crowd_picture import note_with_picture
+from ..scene.plan_verdict import plan_verdict
 from ..settings import needs
 from .export import ENDINGS, UsdExport, export_usd
 from .openusd import missing_openusd
@@ -35,11 +36,11 @@ class CROWDLOD_OT_export_usd(Stepwise, bpy.types.Operator):
                 f"Folder says where it goes."
             )
         path = with_ending(output_folder(scene, "usd") / name, *ENDINGS)
-        exported = yield from export_usd(
-            scene, UsdExport(scene_data.frames_of(scene), path, settings.usd_animated)
-        )
-        note_output(scene, "usd", exported.sentence)
-        return f"{exported.sentence} The file is {place_of(path)}."
+        frames = scene_data.frames_of(scene)
+        exported = yield from export_usd(scene, UsdExport(frames, path, settings.usd_animated))
+        verdict = plan_verdict(settings)
+        note_with_picture(scene, "usd", f"{verdict} {exported.sentence}", frames)
+        return f"{verdict} {exported.sentence} The file is {place_of(path)}."
 
 
 CLASSES = (CROWDLOD_OT_export_usd,)

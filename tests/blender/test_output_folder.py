@@ -113,6 +113,25 @@ def test_a_copy_of_an_unsaved_file_has_a_copy_of_the_plan(scene, tmp_path):
     assert planned(bpy.context.scene)
 
 
+def test_the_verdict_follows_the_plan_whoever_made_it(scene, tmp_path):
+    path = plan(small(scene).id_data)
+    settings = scene.crowd_lod
+    verdict = settings.shot_verdict
+    assert verdict and settings.shot_budgets
+    place = settings.shot_plan
+    settings.shot_plan = ""
+    assert (settings.shot_verdict, settings.shot_budgets) == ("", "")
+    settings.shot_plan = place
+    assert settings.shot_verdict == verdict
+    scene = save(tmp_path / "a.blend")
+    assert scene.crowd_lod.shot_verdict == verdict  # its path was rewritten meanwhile
+    about = full_path(scene.crowd_lod.shot_plan).with_name("plan.json")
+    assert about != path.with_name("plan.json")
+    about.write_text(about.read_text(encoding="utf-8").replace(verdict, "Another verdict."))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "a.blend"))
+    assert bpy.context.scene.crowd_lod.shot_verdict == "Another verdict."
+
+
 def test_a_save_that_fails_leaves_settings_and_output(scene, tmp_path):
     small(scene)
     path = plan(scene)

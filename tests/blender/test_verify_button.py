@@ -33,6 +33,8 @@ def test_a_few_frames_of_the_shot_are_proved_and_reported(levelled, tmp_path, ca
     assert bpy.ops.crowd_lod.verify() == {"FINISHED"}
     now = {each.name for each in bpy.data.user_map()}
     assert now == {*names, "Crowd LOD Proof"} and settings.build is None
+    proof = bpy.data.images["Crowd LOD Proof"]
+    assert proof.packed_file and proof.use_fake_user and min(proof.size) > 0  # it is saved, too
     path = report_path(levelled, "VERIFY")
     assert path == tmp_path / "people_crowd_lod" / "verify" / "report.html"
     result = json.loads(path.with_name("verify.json").read_text())

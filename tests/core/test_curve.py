@@ -16,7 +16,7 @@ from crowd_lod_extension.crowd_lod.shot.curve import (
     of_full_detail,
 )
 from crowd_lod_extension.crowd_lod.shot.shot import decide
-from crowd_lod_extension.crowd_lod.shot.shot_cost import bill
+from crowd_lod_extension.crowd_lod.shot.shot_cost import Bill
 from crowd_lod_extension.crowd_lod.shot.survey import SEEN
 
 from ..support.surveys import BOUNDS, TRIANGLES, pixels_of, some_shot
@@ -57,7 +57,7 @@ def test_points_are_what_their_lods_cost(engine):
             for f in range(1, 12)
             for a in range(60)
         )
-        full = bill(shot, np.zeros_like(levels))
+        full = Bill(shot, np.zeros_like(levels))
         assert point.seconds == pytest.approx(cost.price.seconds / full.price.seconds)
         assert point.memory == pytest.approx(cost.price.memory / full.price.memory)
         assert of_full_detail(shot, full) == (1, 1, 1)

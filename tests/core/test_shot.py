@@ -5,8 +5,14 @@ import hashlib
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.crowd_lod.shot.shot import by_character, decide, decided, lower_bound
-from crowd_lod_extension.crowd_lod.shot.shot_cost import bill
+from crowd_lod_extension.crowd_lod.shot.shot import (
+    Limit,
+    by_character,
+    decide,
+    decided,
+    lower_bound,
+)
+from crowd_lod_extension.crowd_lod.shot.shot_cost import Bill
 from crowd_lod_extension.crowd_lod.shot.survey import SEEN
 
 from ..support.surveys import pixels_of, sequences, some_shot
@@ -136,7 +142,7 @@ def test_no_visible_switch_shows_more_than_twice_the_tolerance(engine, seed, tol
         )
         assert plan.bill.error <= tolerance
         assert (plan.levels <= shot.survey.coarsest)[shot.survey.is_seen].all()
-    assert bill(shot, shot.survey.coarsest).most > 2 * tolerance  # so there was something to avoid
+    assert Bill(shot, shot.survey.coarsest).most > 2 * tolerance  # so there was something to avoid
 
 
 @pytest.mark.once
@@ -157,7 +163,7 @@ def test_switches_at_cuts_are_free():
     shot.survey.cuts[1:] = True
     levels, _ = finished(decided(shot, shot.instance[None].astype(np.float32), 1e6))
     assert (levels == shot.survey.coarsest).all() and (levels[1:] != levels[:-1]).any()
-    assert bill(shot, levels).switches.sum() == 0
+    assert Bill(shot, levels).switches.sum() == 0
 
 
 @pytest.mark.once
@@ -177,6 +183,16 @@ def test_avoid_is_kept(engine, avoid):
         ):
             assert own <= least * (1 + avoid) * (1 + 1e-12)
         assert plan.bill.pixels.sum() <= plan.thresholds.pixels.sum()
+
+
+def test_what_a_plan_may_cost_more_is_a_part_of_what_thresholds_cost():
+    """Else memory that agents of a class save by one LOD leaves a plan no room to avoid pops."""
+    shot = some_shot(3, agents=10)
+    cheapest = Bill(shot, shot.survey.coarsest)
+    dear = Bill(shot, np.zeros_like(shot.survey.coarsest))
+    more = dear.above(cheapest)
+    assert not Limit(cheapest, shot.survey.coarsest, cheapest, 0.9 * more).holds(dear)
+    assert Limit(dear, shot.survey.coarsest, cheapest, 0.9 * more).holds(dear)
 
 
 def test_plan_is_the_same_on_every_python():

@@ -10,7 +10,7 @@ from crowd_lod_extension.crowd_lod.format import number
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.reporting.tables import largest_switches, switches_csv
 from crowd_lod_extension.crowd_lod.shot.shot import decide
-from crowd_lod_extension.crowd_lod.shot.shot_cost import bill
+from crowd_lod_extension.crowd_lod.shot.shot_cost import Bill
 from crowd_lod_extension.crowd_lod.shot.switches import NOTHING, ROW, noticed
 from crowd_lod_extension.crowd_lod.shot.verdict import verdict_of
 
@@ -76,7 +76,7 @@ def test_switch_without_a_distance_between_lods_counts_too():
     shot = replace(shot, meshes=replace(shot.meshes, bounds=np.zeros((2, 4))))
     found = noticed(shot, shot.survey.coarsest, RADIUS)
     assert (
-        len(found) == bill(shot, shot.survey.coarsest).switches.sum() > 0
+        len(found) == Bill(shot, shot.survey.coarsest).switches.sum() > 0
         and (found["change"] == 0).all()
     )
 

@@ -42,9 +42,9 @@ def test_lines_tell_all_figures_of_the_frame():
     frame = replace(
         frame, milliseconds=dict.fromkeys(frame.milliseconds, 1.5), left_out=(STATIC, NO_HEIGHTS)
     )  # these are in a popover
-    said = texts(hud.figures(frame, by_level(frame)))
+    said = texts(hud.figures(frame, by_level(frame), worst=0.4321))
     assert said[:4] == ["6 agents, 4 visible, 33.3% culled", "LOD 0  2", "LOD 1  1", "LOD 2  1"]
-    assert said[4:] == ["Triangles  20 k of 50 k without LOD"]
+    assert said[4:] == ["Triangles  20 k of 50 k without LOD", "Largest error  0.432 px"]
 
 
 def test_lines_of_lods_bear_their_tints_and_an_agent_that_of_its_own():
@@ -212,6 +212,13 @@ def test_off_color_pixels_of_the_map_are_magenta_over_the_agents():
         row = int((at[1] + 1) / 2 * texture.height)
         column = int((at[0] + 1) / 2 * texture.width)
         assert seen[row, column, :3].tolist() == pytest.approx([1, 0, 1], abs=0.01)
+
+
+def test_the_scale_is_a_round_length():
+    lengths = [inset.scale_bar(longest) for longest in (0.3, 1.0, 49.0, 55.0, 2600.0)]
+    texts_of = [said for _, said in lengths]
+    assert texts_of == ["0.2 m", "1 m", "20 m", "50 m", "2 km"]
+    assert [length for length, _ in lengths] == pytest.approx([0.2, 1, 20, 50, 2000])
 
 
 @pytest.fixture

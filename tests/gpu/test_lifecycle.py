@@ -42,8 +42,8 @@ def test_unregistering_lets_go_of_what_is_on_the_gpu(scene):  # noqa: F811
     now = shown(scene)
     viewport_overlay.picture_from_above(now, 1.0)
     assert viewport_overlay.picture_from_above(now, 1.0) is now.above  # painted once
-    assert (now.above.width, now.above.height) == inset.SIZE
-    assert viewport_overlay.picture_from_above(now, 2.0).width == 2 * inset.SIZE[0]
+    assert now.above.size == inset.SIZE
+    assert viewport_overlay.picture_from_above(now, 2.0).size == inset.pixels(2.0)
     kept = [weakref.ref(now), weakref.ref(now.batches)]
     shader_programs.points()
     registration.unregister()

@@ -46,5 +46,9 @@ def test_each_step_ends_with_what_the_page_says(seen):
     assert seen["verified"]
 
 
+def test_the_view_turns_while_lod_meshes_are_made(seen):
+    assert seen["turned"] and "CROWD_LOD_OT_make_levels" in seen["at work"]
+
+
 def test_the_console_holds_no_error(seen):
     assert seen["exit"] == 0 and "Traceback" not in seen["console"]

@@ -1,0 +1,174 @@
+"""The depths behind which opaque scenery hides everything, on a coarse grid over the picture.
+
+A cell that the border of a sheet does not touch is covered by it wholly or not at all, and its
+middle tells which (culling/sheets.py). It hides what lies beyond the farthest of the sheet's
+triangles in it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from .camera import Camera
+from .occluders import Occluders
+from .sheets import ROUNDING, Grid, Sheets, grid_of, read_sheets
+
+
+def map_depths(occluders: Occluders, camera: Camera, others: Sequence[Camera] = ()) -> np.ndarray:
+    """Return the map of nearness (rows, columns) float64, the bottom row first.
+
+    -inf where a ray through the cell may pass. Else no ray of the camera gets beyond that nearness
+    within the cell.
+
+    camera: PERSP or ORTHO.
+    others: the same camera at the times before and after. The map then holds for it at all times
+        between, if it moves on without turning back: between two times the border of a sheet passes
+        no cell farther from it than it moves, so such cells stay covered, or uncovered.
+    """
+    grid = grid_of(camera)
+    return _draw(read_sheets(occluders, (camera, *others), grid), grid)
+
+
+def _draw(sheets: Sheets, grid: Grid) -> np.ndarray:
+    """Return the map of the sheets; each is drawn on a rectangle of cells of its own."""
+    sheet = sheets.sheet
+    count = int(sheet.max(initial=-1)) + 1
+    low = np.full((count, 2), np.inf)
+    high = np.full((count, 2), -np.inf)
+    np.minimum.at(low, sheet, sheets.triangles[..., :2].min(axis=1))
+    np.maximum.at(high, sheet, sheets.triangles[..., :2].max(axis=1))
+    plots = _Plots(*_whole_cells(low, high, 0.0, grid))
+    covered = np.zeros(plots.cells, bool)
+    farthest = np.full(plots.cells, np.inf)
+    _draw_triangles(sheets, grid, plots, covered, farthest)
+    covered[_border_cells(sheets, grid, plots)] = False
+    cells = np.flatnonzero(covered)
+    nearness = np.full((grid.rows, grid.columns), -np.inf)
+    columns, rows = plots.places(cells)
+    depth = farthest[cells]
+    np.maximum.at(nearness, (rows, columns), depth - ROUNDING * np.abs(depth))
+    return nearness
+
+
+@dataclass(frozen=True)
+class _Plots:
+    """A rectangle of cells for each sheet.
+
+    low: (s, 2) int, its least column and row.
+    wide: (s, 2) int, its numbers of columns and rows.
+    """
+
+    low: np.ndarray
+    wide: np.ndarray
+
+    @cached_property
+    def begins(self) -> np.ndarray:
+        """(s + 1,), the first cell of each in the list of all."""
+        return np.cumsum([0, *self.wide.prod(axis=1)])
+
+    @property
+    def cells(self) -> int:
+        """Their number."""
+        return int(self.begins[-1])
+
+    def numbers(self, sheet: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Return the cells at columns x and rows y of the sheets."""
+        low = self.low[sheet]
+        return self.begins[sheet] + (y - low[:, 1]) * self.wide[sheet, 0] + x - low[:, 0]
+
+    def places(self, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return (columns, rows) of the cells in the picture."""
+        sheet = np.searchsorted(self.begins, cells, side="right") - 1
+        row, column = np.divmod(cells - self.begins[sheet], self.wide[sheet, 0])
+        return column + self.low[sheet, 0], row + self.low[sheet, 1]
+
+
+def _whole_cells(
+    low: np.ndarray, high: np.ndarray, slack: np.ndarray | float, grid: Grid
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return (least column and row, numbers of them) of rectangles, each (m, 2) int."""
+    first = np.clip(np.floor(low - slack), 0, grid.size).astype(np.intp)
+    end = np.clip(np.floor(high + slack) + 1, 0, grid.size).astype(np.intp)
+    return first, np.maximum(end - first, 0)
+
+
+def _cells_of(low: np.ndarray, wide: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return (which rectangle, column, row) of each cell of rectangles."""
+    count = wide.prod(axis=1)
+    which = np.repeat(np.arange(len(count)), count)
+    place = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
+    row, column = np.divmod(place, wide[which, 0])
+    return which, column + low[which, 0], row + low[which, 1]
+
+
+def _draw_triangles(
+    sheets: Sheets, grid: Grid, plots: _Plots, covered: np.ndarray, farthest: np.ndarray
+) -> None:
+    """Note cells whose middle a triangle covers, and the least nearness of those that touch one."""
+    corners = sheets.triangles
+    slack = sheets.slack
+    flat = corners[..., :2]
+    low, wide = _whole_cells(flat.min(axis=1), flat.max(axis=1), slack[:, None], grid)
+    first = plots.low[sheets.sheet]
+    last = first + plots.wide[sheets.sheet]
+    end = np.minimum(low + wide, last)
+    low = np.maximum(low, first)
+    which, x, y = _cells_of(low, np.maximum(end - low, 0))
+    sides = np.roll(flat, -1, axis=1) - flat
+    area = sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]
+    sign = np.sign(area)[which]
+    inside = np.abs(area[which]) > ROUNDING
+    touched = np.ones(len(which), bool)
+    for k in range(3):
+        across = sides[which, k, 0] * (y + 0.5 - flat[which, k, 1])
+        across -= sides[which, k, 1] * (x + 0.5 - flat[which, k, 0])
+        across *= sign
+        reach = np.abs(sides[:, k]).sum(axis=1) * (0.5 + slack)
+        inside &= across >= 0
+        touched &= across >= -reach[which]
+    least = _least_nearness(corners, area, slack, which, x, y)
+    numbers = plots.numbers(sheets.sheet[which], x, y)
+    covered[numbers[inside]] = True
+    np.minimum.at(farthest, numbers[touched], least[touched])
+
+
+def _least_nearness(
+    corners: np.ndarray,
+    area: np.ndarray,
+    slack: np.ndarray,
+    which: np.ndarray,
+    x: np.ndarray,
+    y: np.ndarray,
+) -> np.ndarray:
+    """Return the least nearness of triangle `which` in the cells x, y, each (c,)."""
+    x1, y1, w1 = (corners[:, 1] - corners[:, 0]).T
+    x2, y2, w2 = (corners[:, 2] - corners[:, 0]).T
+    is_wide = np.abs(area) > ROUNDING
+    safe = np.where(is_wide, area, 1.0)
+    along_x = (w1 * y2 - w2 * y1) / safe
+    along_y = (w2 * x1 - w1 * x2) / safe
+    start = corners[:, 0, 2] - (np.abs(along_x) + np.abs(along_y)) * (0.5 + slack)
+    plane = start[which] + along_x[which] * (x + 0.5 - corners[which, 0, 0])
+    plane += along_y[which] * (y + 0.5 - corners[which, 0, 1])
+    of_corners = corners[:, :, 2].min(axis=1)[which]
+    return np.where(is_wide[which], np.maximum(plane, of_corners), of_corners)
+
+
+def _border_cells(sheets: Sheets, grid: Grid, plots: _Plots) -> np.ndarray:
+    """Return the cells that a border of their sheet touches."""
+    ends = sheets.borders
+    slack = sheets.border_slack
+    low, wide = _whole_cells(ends.min(axis=1), ends.max(axis=1), slack[:, None], grid)
+    first = plots.low[sheets.border_sheet]
+    end = np.minimum(low + wide, first + plots.wide[sheets.border_sheet])
+    low = np.maximum(low, first)
+    which, x, y = _cells_of(low, np.maximum(end - low, 0))
+    way = ends[:, 1] - ends[:, 0]
+    across = way[which, 0] * (y + 0.5 - ends[which, 0, 1])
+    across -= way[which, 1] * (x + 0.5 - ends[which, 0, 0])
+    reach = np.abs(way).sum(axis=1) * (0.5 + slack) + ROUNDING
+    touches = np.abs(across) <= reach[which]
+    which = which[touches]
+    return plots.numbers(sheets.border_sheet[which], x[touches], y[touches])

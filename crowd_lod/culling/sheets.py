@@ -1,0 +1,259 @@
+"""The sheets of opaque scenery in a picture, and where they end.
+
+Triangles of a connected component that face one way are a sheet. What it covers in the picture ends
+at its border alone: at edges where no triangle of the sheet goes on.
+
+Depths are kept as nearness, which is linear in the picture: 1 / meters along the view, or of an
+orthographic camera minus meters.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .camera import GRAIN, Camera, Window, stretch
+from .occluders import Occluders
+
+ACROSS = 160  # cells along the longer side of the picture
+LEAST_CELLS = 3.0  # cells along both axes below which a component is not drawn
+FLAT = 1e-12  # part of its size cubed, below which a triangle is edge-on
+ROUNDING = 1e-9  # of cells and of nearness, several thousand roundings of float64
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The cells of a map.
+
+    window: what they cover.
+    columns, rows: their numbers.
+    """
+
+    window: Window
+    columns: int
+    rows: int
+
+    def of_camera(self, camera: Camera) -> "Grid":
+        """Return the same cells of another camera's picture."""
+        return replace(self, window=camera.visible_window)
+
+    @property
+    def scale(self) -> np.ndarray:
+        """(2,), cells per unit of the window."""
+        w = self.window
+        return np.array([self.columns / (w.right - w.left), self.rows / (w.top - w.bottom)])
+
+    @property
+    def low(self) -> np.ndarray:
+        """(2,), the window's left and bottom."""
+        return np.array([self.window.left, self.window.bottom])
+
+    @property
+    def size(self) -> np.ndarray:
+        """(2,), columns and rows."""
+        return np.array([self.columns, self.rows])
+
+
+def grid_of(camera: Camera) -> Grid:
+    """Return the grid of a PERSP or ORTHO camera's picture."""
+    window = camera.visible_window
+    wide = window.right - window.left
+    high = window.top - window.bottom
+    cell = max(wide, high) / ACROSS
+    return Grid(window, max(1, round(wide / cell)), max(1, round(high / cell)))
+
+
+def nearest_cut(camera: Camera) -> float:
+    """Return the meters along the view before which neither scenery nor agents count."""
+    return camera.near * (stretch(camera)[1] if camera.rays else 1.0) * (1 + ROUNDING)
+
+
+@dataclass(frozen=True)
+class Sheets:
+    """The sheets in a picture.
+
+    triangles: (t, 3, 3), their corners in cells and nearness.
+    sheet: (t,) intp, the sheet of each, numbered from 0.
+    slack: (t,) cells by which its corners may lie elsewhere.
+    borders: (b, 2, 2), ends of the borders in cells.
+    border_sheet: (b,) intp.
+    border_slack: (b,) cells.
+    """
+
+    triangles: np.ndarray
+    sheet: np.ndarray
+    slack: np.ndarray
+    borders: np.ndarray
+    border_sheet: np.ndarray
+    border_slack: np.ndarray
+
+
+def read_sheets(occluders: Occluders, cameras: Sequence[Camera], grid: Grid) -> Sheets:
+    """Return the sheets that may cover cells in the picture of the first camera."""
+    shape = occluders.shape
+    number = np.flatnonzero(_is_large(occluders, cameras[0], grid)[shape.component])
+    used = np.zeros(len(occluders.points), bool)
+    used[shape.triangles[number]] = True
+    row = np.cumsum(used) - 1  # of each vertex among those that are used
+    points = occluders.points[used]
+    views = [view_points(points, camera) for camera in cameras]
+    facing = _facing(views[0][row[shape.triangles[number]]], cameras[0])
+    sheet = np.full(len(shape.triangles) + 1, -1)  # the last stands for no triangle
+    sheet[number] = np.where(facing != 0, 2 * shape.component[number] + (facing > 0), -1)
+    number = number[facing != 0]
+    grain = GRAIN * (np.abs(points).sum(axis=1) + np.abs(cameras[0].origin).sum())
+    columns = np.concatenate([*views, grain[:, None]], axis=1)
+    corners = columns[row[shape.triangles[number]]]
+    of_corners = sheet[number]
+    beside = sheet[shape.sides]
+    rows, side = np.nonzero((beside >= 0) & (beside[:, :1] != beside[:, 1:]))
+    ends = columns[row[shape.edges[rows]]]
+    of_ends = beside[rows, side]
+    for k, camera in enumerate(cameras):
+        cut = nearest_cut(camera)
+        corners, of_corners, cuts, of_cuts = _cut_triangles(corners, of_corners, 3 * k + 2, cut)
+        ends = np.concatenate([ends, cuts])
+        ends, of_ends = _cut_segments(ends, np.concatenate([of_ends, of_cuts]), 3 * k + 2, cut)
+    numbers, of_corners = np.unique(of_corners, return_inverse=True)
+    stays = np.isin(of_ends, numbers)
+    triangles, slack = _picture(corners, cameras, grid)
+    borders, border_slack = _picture(ends[stays], cameras, grid)
+    of_ends = np.searchsorted(numbers, of_ends[stays])
+    return Sheets(triangles, of_corners, slack, borders[..., :2], of_ends, border_slack)
+
+
+def view_points(points: np.ndarray, camera: Camera) -> np.ndarray:
+    """Return the points (n, 3) in camera coordinates: along X, Y and Z, meters."""
+    return (points - camera.origin) @ np.array([camera.X, camera.Y, camera.Z]).T
+
+
+def _is_large(occluders: Occluders, camera: Camera, grid: Grid) -> np.ndarray:
+    """Return which components are in the picture and may cover a cell, (components,) bool."""
+    least, greatest = occluders.boxes
+    middle = view_points((least + greatest) / 2, camera)
+    half = (greatest - least) / 2 @ np.abs(np.array([camera.X, camera.Y, camera.Z])).T
+    low = middle - half
+    high = middle + half
+    cut = nearest_cut(camera)
+    near = np.maximum(low[:, 2:], cut)
+    far = np.maximum(high[:, 2:], cut)
+    if camera.kind != "ORTHO":
+        low[:, :2] /= np.where(low[:, :2] < 0, near, far)
+        high[:, :2] /= np.where(high[:, :2] > 0, near, far)
+    low = np.maximum((low[:, :2] - grid.low) * grid.scale, 0)
+    high = np.minimum((high[:, :2] - grid.low) * grid.scale, grid.size)
+    return (high - low >= LEAST_CELLS).all(axis=1) & (far[:, 0] > cut)
+
+
+def _facing(corners: np.ndarray, camera: Camera) -> np.ndarray:
+    """Return which way triangles (m, 3, 3) in camera coordinates face: 1, -1, or 0 if edge-on."""
+    first, second, third = corners.transpose(1, 0, 2)
+    if camera.kind == "ORTHO":
+        volume = np.cross(second - first, third - first)[:, 2]
+        size = np.abs(corners - corners[:, :1]).max(axis=(1, 2)) ** 2
+    else:
+        volume = np.einsum("ij,ij->i", first, np.cross(second, third))
+        size = np.abs(corners).max(axis=(1, 2)) ** 3
+    return np.where(np.abs(volume) > FLAT * size, np.sign(volume), 0).astype(np.intp)
+
+
+def _cut_triangles(
+    corners: np.ndarray, sheet: np.ndarray, depth: int, cut: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return what of triangles lies beyond a depth: (corners, sheets, cuts, sheets of these).
+
+    corners: (m, 3, c) columns of their corners.
+    depth: the column that has it.
+    cuts: (k, 2, c), the borders at which they are cut.
+    """
+    behind = corners[:, :, depth] < cut
+    count = behind.sum(axis=1)
+    parts = [corners[count == 0]]
+    sheets = [sheet[count == 0]]
+    borders = []
+    border_sheets = []
+    for alone in (1, 2):  # corners behind: one, whose triangle becomes two, or two
+        rows = np.flatnonzero(count == alone)
+        first = (behind[rows] == (alone == 1)).argmax(axis=1)
+        apex, second, third = (corners[rows, (first + k) % 3] for k in range(3))
+        left = _crossing(apex, second, depth, cut)
+        right = _crossing(apex, third, depth, cut)
+        triangles = (
+            [(left, second, third), (left, third, right)] if alone == 1 else [(apex, left, right)]
+        )
+        parts.extend(np.stack(each, axis=1) for each in triangles)
+        sheets.extend(sheet[rows] for _ in triangles)
+        borders.append(np.stack([left, right], axis=1))
+        border_sheets.append(sheet[rows])
+    return (
+        np.concatenate(parts),
+        np.concatenate(sheets),
+        np.concatenate(borders),
+        np.concatenate(border_sheets),
+    )
+
+
+def _cut_segments(
+    ends: np.ndarray, sheet: np.ndarray, depth: int, cut: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return what of segments (m, 2, c) lies beyond a depth, and the sheets of these."""
+    behind = ends[:, :, depth] < cut
+    stays = ~behind.all(axis=1)
+    ends = ends[stays]
+    behind = behind[stays]
+    for k in (0, 1):
+        rows = np.flatnonzero(behind[:, k])
+        ends[rows, k] = _crossing(ends[rows, k], ends[rows, 1 - k], depth, cut)
+    return ends, sheet[stays]
+
+
+def _crossing(a: np.ndarray, b: np.ndarray, depth: int, cut: float) -> np.ndarray:
+    """Return where segments from `a` (m, c) to `b` (m, c) cross the depth."""
+    part = (cut - a[:, depth]) / (b[:, depth] - a[:, depth])
+    crossing: np.ndarray = a + part[:, None] * (b - a)
+    crossing[:, depth] = cut
+    return crossing
+
+
+def _picture(
+    columns: np.ndarray, cameras: Sequence[Camera], grid: Grid
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return (x, y in cells and nearness (m, k, 3), slack (m,) in cells) of m times k vertices.
+
+    Nearness is the least of all cameras. The slack holds how far cameras move a vertex, and by how
+    much renderers round its place.
+
+    columns: (m, k, c), coordinates of each camera; last the rounding in meters.
+    """
+    pictures = [
+        _in_cells(columns[..., 3 * k : 3 * k + 3], camera, grid.of_camera(camera))
+        for k, camera in enumerate(cameras)
+    ]
+    first = pictures[0]
+    moved = np.max([np.abs(there[..., :2] - first[..., :2]) for there in pictures], axis=0)
+    least = np.min([there[..., 2] for there in pictures], axis=0)
+    grain = columns[..., -1]
+    scale = grid.scale.max()
+    if cameras[0].kind == "ORTHO":
+        rounding = grain * scale
+        least = least - grain
+    else:
+        aside = np.abs(first[..., :2] + grid.low * grid.scale).max(axis=-1)
+        rounding = grain * first[..., 2] * (scale + aside)
+        least = least * (1 - np.minimum(grain * least, 1))
+    slack = (moved.max(axis=-1) + rounding).max(axis=-1, initial=0.0)
+    return np.concatenate([first[..., :2], least[..., None]], axis=-1), slack + ROUNDING * (
+        1 + np.abs(first[..., :2]).max(axis=(1, 2), initial=0.0)
+    )
+
+
+def _in_cells(points: np.ndarray, camera: Camera, grid: Grid) -> np.ndarray:
+    """Return x and y in cells and the nearness of points (..., 3) in camera coordinates."""
+    pictured = points.copy()
+    if camera.kind == "ORTHO":
+        pictured[..., 2] = -points[..., 2]
+    else:
+        pictured[..., 2] = 1 / points[..., 2]
+        pictured[..., :2] *= pictured[..., 2:]
+    pictured[..., :2] = (pictured[..., :2] - grid.low) * grid.scale
+    return pictured

@@ -1,0 +1,47 @@
+"""The verdict on the planned shot, kept in the settings whoever made the plan."""
+
+import json
+from contextlib import suppress
+from dataclasses import astuple
+
+import bpy
+
+from ...crowd_lod.shot.budget_points import BudgetPoint
+from ..blender.guard import handler
+from ..blender.output_folders import full_path, is_saving
+
+
+def note_plan_file(settings) -> None:
+    """Note in the settings what the sidebar tells of the plan that they refer to.
+
+    It is called whenever they refer to another plan, whoever made it.
+    """
+    if is_saving():
+        return
+    verdict = ""
+    budgets = ""
+    if settings.shot_plan:
+        path = full_path(settings.shot_plan, settings.id_data.library).with_name("plan.json")
+        # a plan without this file, or with another's, has no verdict
+        with suppress(OSError, ValueError, LookupError, TypeError):
+            shot = json.loads(path.read_text(encoding="utf-8"))["shot"]
+            verdict = str(shot["verdict"]["sentence"])
+            points = [BudgetPoint(**point) for point in shot["possible_budgets"]]
+            budgets = json.dumps([astuple(point) for point in points])
+    settings.shot_verdict = verdict
+    settings.shot_budgets = budgets
+
+
+@handler
+def note_plan_files(*_) -> None:
+    """Look at the plans of the scenes again, which commands may have made anew (load_post)."""
+    for scene in bpy.data.scenes:
+        if scene.library is None and scene.crowd_lod.shot_plan:
+            note_plan_file(scene.crowd_lod)
+
+
+def plan_verdict(settings) -> str:
+    """Return the verdict on the shot with the plan in use, or that there is none without a plan."""
+    if settings.shot_plan and settings.use_shot_plan:
+        return settings.shot_verdict
+    return "No verdict without a shot plan: LODs follow from distances."

@@ -1,0 +1,129 @@
+"""Who is hidden by scenery, against rays that meet boxes and triangles one by one."""
+
+import time
+from functools import partial
+
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.culling.occluders import join_occluders, shape_of_mesh
+from crowd_lod_extension.crowd_lod.culling.occlusion import OcclusionMap
+
+from ..support.streets import (
+    FACES,
+    blocked_by_boxes,
+    blocked_by_triangles,
+    box_mesh,
+    looking,
+    mesh,
+    people,
+    pictured,
+    seen,
+    street,
+)
+
+pytestmark = pytest.mark.once
+
+
+@pytest.mark.parametrize("kind", ["PERSP", "ORTHO"])
+def test_nobody_who_is_seen_in_a_street_is_hidden(kind):
+    random = np.random.default_rng(1)
+    boxes = street(random, 3)
+    houses = join_occluders([box_mesh(*box) for box in boxes])
+    centers = people(random, 400, 120) + [0, 0, 0.9]
+    hidden_agents = 0
+    for yaw in random.uniform(0, 2 * np.pi, 2):
+        camera = looking(people(random, 9, 60)[0] + [0, 0, 1.7], yaw, -0.02, kind)
+        film = OcclusionMap(houses, camera)
+        hidden = film.hides(film.rectangles(centers, np.full(len(centers), 0.95)))
+        who = np.flatnonzero(hidden)
+        hidden_agents += len(who)
+        assert not seen(random, camera, centers[who], 0.95, partial(blocked_by_boxes, boxes)).any()
+    assert hidden_agents > 100
+
+
+def soup(random, count):
+    """A mesh of triangles that share vertices at random: folds, edges of three, flipped faces."""
+    points = random.uniform(-6, 6, (count, 3)) + [0, 12, 0]
+    triangles = random.integers(0, count, (count, 3))
+    grid = np.add.outer(np.arange(5) * 6, np.arange(5)).ravel()
+    sheet = np.concatenate(
+        [np.stack([grid, grid + 1, grid + 6], 1), np.stack([grid + 1, grid + 7, grid + 6], 1)]
+    )
+    flipped = random.random(len(sheet)) < 0.1
+    sheet[flipped] = sheet[flipped][:, ::-1]
+    sheet = sheet[random.random(len(sheet)) < 0.9] + count
+    x, z = np.meshgrid(np.linspace(-9, 9, 6), np.linspace(-9, 9, 6))
+    relief = np.stack([x, 8 + random.uniform(-1, 1, x.shape) * random.choice([0, 1, 6]), z], -1)
+    return mesh(np.concatenate([points, relief.reshape(-1, 3)]), np.concatenate([triangles, sheet]))
+
+
+@pytest.mark.parametrize("kind", ["PERSP", "ORTHO"])
+def test_any_triangles_hide_only_what_is_hidden(kind):
+    hidden_agents = 0
+    for seed in range(8):
+        random = np.random.default_rng(seed)
+        scenery = soup(random, 8)
+        corners = scenery.points[scenery.shape.triangles]
+        camera = looking(random.uniform(-2, 2, 3) + [0, 0.5, 0], np.pi / 2, 0, kind, 1.2)
+        centers = random.uniform((-25, 4, -15), (25, 40, 15), (300, 3))
+        radius = random.uniform(0.2, 1.5)
+        film = OcclusionMap(scenery, camera)
+        who = np.flatnonzero(film.hides(film.rectangles(centers, np.full(300, radius))))
+        hidden_agents += len(who)
+        blocked = partial(blocked_by_triangles, corners)
+        assert not seen(random, camera, centers[who], radius, blocked).any()
+    assert hidden_agents > 100
+
+
+def test_a_camera_that_moves_sees_nobody_who_is_hidden():
+    hidden_agents = 0
+    for seed in range(3):
+        random = np.random.default_rng(seed)
+        scenery = soup(random, 4)
+        corners = scenery.points[scenery.shape.triangles]
+        begin = random.uniform(-1, 1, 3)
+        end = begin + random.uniform(-0.4, 0.4, 3)
+        yaw, pitch = random.uniform(-0.05, 0.05, 2)
+        way = [
+            looking(begin + t * (end - begin), np.pi / 2 + t * yaw, t * pitch, slope=1.2)
+            for t in np.linspace(0, 1, 4)
+        ]
+        centers = random.uniform((-25, 4, -15), (25, 40, 15), (300, 3))
+        film = OcclusionMap(scenery, way[0], way[-1:])
+        back = OcclusionMap(scenery, way[-1], way[:1])
+        hidden = [each.hides(each.rectangles(centers, np.full(300, 0.5))) for each in (film, back)]
+        who = np.flatnonzero(hidden[0] | hidden[1])
+        hidden_agents += len(who)
+        blocked = partial(blocked_by_triangles, corners)
+        for camera in way:
+            assert not seen(random, camera, centers[who], 0.5, blocked).any()
+    assert hidden_agents > 30
+
+
+def test_a_box_has_no_border_and_a_flipped_face_has_one():
+    box = box_mesh((0, 0, 0), (1, 1, 1)).shape
+    assert len(box.edges) == 18
+    assert (box.sides >= 0).all()
+    flipped = FACES.copy()
+    flipped[0] = flipped[0, ::-1]
+    corners = box_mesh((0, 0, 0), (1, 1, 1)).points
+    assert (shape_of_mesh(corners, flipped).sides[:, 1] < 0).sum() == 6
+    apart = shape_of_mesh(corners[FACES].reshape(-1, 3), np.arange(36).reshape(-1, 3))
+    assert (apart.sides >= 0).all()  # vertices at the same place are one
+
+
+def test_nineteen_of_twenty_hidden_in_a_street_are_found():
+    random = np.random.default_rng(3)
+    boxes = street(random)
+    houses = join_occluders([box_mesh(*box) for box in boxes])
+    everyone = people(random, 20_000, 240) + [0, 0, 0.9]
+    camera = looking([0.8, -60, 1.7], np.pi / 2 - 0.1)
+    radius = np.full(len(everyone), 0.95)
+    begun = time.process_time()
+    film = OcclusionMap(houses, camera)
+    hidden = film.hides(film.rectangles(everyone, radius))
+    took = time.process_time() - begun
+    sample = np.flatnonzero(pictured(camera, everyone))[:300]
+    truly = ~seen(random, camera, everyone[sample], 0.9, partial(blocked_by_boxes, boxes), 20)
+    assert (hidden[sample] & truly).sum() / truly.sum() >= 0.95
+    assert took < 0.3  # 0.03 s on a machine of its own
