@@ -65,7 +65,9 @@ class OcclusionMap:
         points: (m, 3) meters, their centers.
         radius: (m,) meters.
         """
-        first, *others = (_rectangles(points, radius, each, self.grid) for each in self.cameras)
+        first, *others = (
+            _rectangles(points, radius, each, self.grid.of_camera(each)) for each in self.cameras
+        )
         for other in others:
             first = first.joined(other)
         return first

@@ -30,6 +30,7 @@ class View:
     character: (m,) intp, which of its group's characters each agent shows
         (animation/phase_classes.py, Library); empty if not known.
     agents: (m,) intp, how many agents stand there; or 1.
+    frame: of the timeline.
     """
 
     camera: Camera
@@ -38,6 +39,7 @@ class View:
     distance: np.ndarray = field(default_factory=lambda: np.empty(0))
     character: np.ndarray = field(default_factory=lambda: np.empty(0, np.intp))
     agents: np.ndarray | int = 1
+    frame: int = 0
 
     def counted(self) -> "View":
         """Return the view with agents of a character together that stand within CLOSE of each

@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 
 from ..shot.budget import BudgetPlan
+from ..shot.budget_points import BudgetPoint
 from ..shot.curve import of_full_detail
 from ..shot.plan_file import StoredPlan
 from ..shot.shot_cost import Bill, Shot
-from ..shot.survey import CULLED, MIRRORED, SHADOW
+from ..shot.survey import CULLED, HIDDEN, MIRRORED, SHADOW
 from ..shot.unneeded import unneeded
 from .shot_report import ShotReport
 
@@ -20,12 +21,14 @@ def shot_facts(
     stored: StoredPlan,
     requested: Mapping[str, Any],
     exceptions: Sequence[dict[str, Any]],
+    points: Sequence[BudgetPoint] = (),
 ) -> dict[str, Any]:
     """Return the fields `preview`, `left_out`, `frames`, `made_for` and `shot` of plan.json.
 
     They hold no times, so that two runs give the same file.
     requested: the settings of the plan: Extra Cost for Fewer Pops, and the budget.
     exceptions: as plain data.
+    points: which budgets are possible, by the pixels that LODs may deviate.
     """
     plan = report.plan
     shot = report.shot
@@ -50,6 +53,7 @@ def shot_facts(
             "plan": _totals(shot, plan.bill),
             "thresholds": _totals(shot, plan.thresholds),
             "curve": asdict(report.curve),
+            "possible_budgets": [asdict(point) for point in points],
             "exceptions": list(exceptions),
             "phases": {
                 "in_step": report.phases.in_step,
@@ -68,6 +72,7 @@ def shot_rows(report: ShotReport) -> list[dict[str, int | float]]:
     plan = report.plan
     meshes = report.shot.meshes
     full = [float(sizes[survey.group, 0].sum()) for sizes in (meshes.vertices, meshes.triangles)]
+    hides = bool((survey.kind == HIDDEN).any())
     rows = []
     for f, number in enumerate(survey.numbers.tolist()):
         kinds = survey.kind[f]
@@ -90,7 +95,8 @@ def shot_rows(report: ShotReport) -> list[dict[str, int | float]]:
                 "switch_pixels": round(float(plan.bill.pixels[f]), 3),
                 "thresholds_switches": int(plan.thresholds.switches[f]),
                 "thresholds_triangles": int(plan.thresholds.triangles[f]),
-                "unseen": int((kinds == CULLED).sum()),
+                "unseen": int(((kinds == CULLED) | (kinds == HIDDEN)).sum()),
+                **({"hidden": int((kinds == HIDDEN).sum())} if hides else {}),
             }
         )
     return rows

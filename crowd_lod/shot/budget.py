@@ -12,6 +12,7 @@ from math import fsum, inf
 import numpy as np
 
 from ..errors import CrowdError
+from ..levels.budget_fit import Budget
 from ..levels.cost_model import price
 from ..progress import share
 from .shot import (
@@ -32,21 +33,6 @@ SLACK = 0.005  # part above its lower bound at which a search ends
 STEPS_MOST = 40  # of the search
 PATIENCE = 3  # steps without a better bound after which they become half as long
 BANNED = 1e30  # seconds, of a mesh that must not be shown
-
-
-@dataclass(frozen=True)
-class Budget:
-    """What each frame of a shot may take at most.
-
-    triangles, vertices: of all seen agents.
-    finest: seen agents at LOD 0; None for any number.
-    memory: bytes of the engine, in the frame that takes most.
-    """
-
-    triangles: float = inf
-    vertices: float = inf
-    finest: int | None = None
-    memory: float = inf
 
 
 @dataclass(frozen=True)
@@ -150,8 +136,8 @@ def _check(shot: Shot, limits: _Limits) -> None:
     wide = relaxed(shot, inf)
     agents = shown_by(wide, wide.allowed)
     everyone = (
-        "with the coarsest LODs that are made and allowed: raise it in the panel Budget, or raise "
-        "Tolerance and press Make LOD Meshes, which makes coarser LODs."
+        "with the coarsest LODs that are made and allowed: raise it in the panel Budget, or press "
+        "Make LOD Meshes, which by tolerance makes LODs for the budget."
     )
     for name, most, loads in zip(limits.names, limits.most, limits.loads(agents).T, strict=True):
         worst = int(loads.argmax())

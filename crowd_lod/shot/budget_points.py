@@ -1,11 +1,12 @@
 """What a shot takes at the least, tolerance by tolerance: which budgets are possible."""
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import astuple, dataclass
 from math import inf
 
 from ..format import number
-from .budget import Budget, relaxed
+from ..levels.budget_fit import LIMITED, Budget
+from .budget import relaxed
 from .shot_cost import Bill, Shot
 
 FACTORS = (1.0, 1.5, 2.0, 3.0, 5.0, 8.0)  # of the policy's tolerance
@@ -25,14 +26,6 @@ class BudgetPoint:
     triangles: float
     memory: float
     finest: float
-
-
-# by the field of Budget that limits it: the name of the setting, and how its value reads
-LIMITED: dict[str, tuple[str, Callable[[float], str]]] = {
-    "triangles": ("Triangles", lambda value: f"{value:,.0f}"),
-    "memory": ("Memory", lambda value: f"{value / 1e6:,.1f} MB"),
-    "finest": ("Agents at LOD 0", lambda value: f"{value:,.0f}"),
-}
 
 
 def find_points(
@@ -89,6 +82,6 @@ def budget_sentence(points: Sequence[BudgetPoint], budget: Budget) -> str:
         f"{LIMITED[name][0]} from {LIMITED[name][1](getattr(least, name))} on" for name in exceeded
     )
     return (
-        f"Impossible. Possible is {limit_names} ({number(first.pixels)} px). For less raise Tolerance "
-        f"and press Make LOD Meshes: it makes coarser LODs."
+        f"Impossible. Possible is {limit_names} ({number(first.pixels)} px). For less press Make "
+        f"LOD Meshes, which by tolerance makes LODs for the budget."
     )

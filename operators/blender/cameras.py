@@ -1,6 +1,6 @@
 """Reads Blender's cameras as Camera objects of the core."""
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 
 import bpy
 import numpy as np
@@ -9,6 +9,7 @@ from ...crowd_lod.culling import stereo
 from ...crowd_lod.culling.camera import Camera, Window, crop, lens_blur, referential, window
 from ...crowd_lod.culling.shutter import open_shutter
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.progress import finished
 from .frame_stepping import At, stage, step_frames
 from .ownership import is_ours
 from .scene_data import EEVEE, meters, remap
@@ -306,7 +307,17 @@ def cameras_at(
     camera: bpy.types.Object | None = None,
     at: At | None = None,
 ) -> list[tuple[Camera, ...]]:
-    """Return `camera_at` for several times.
+    """Return `camera_at` for several times; see `reading_cameras`."""
+    return finished(reading_cameras(scene, times, camera, at))
+
+
+def reading_cameras(
+    scene: bpy.types.Scene,
+    times: Sequence[float],
+    camera: bpy.types.Object | None = None,
+    at: At | None = None,
+) -> Generator[float, None, list[tuple[Camera, ...]]]:
+    """Read `camera_at` for several times: yield the progress, return them.
 
     camera: films all times; None for the camera bound to each time.
     """
@@ -322,11 +333,12 @@ def cameras_at(
             if all(map(stands_still, {*films, *eyes}))
             else step_frames(scene, rest=False) as at
         ):
-            return cameras_at(scene, times, camera, at)
-    return [
-        cameras_from(scene, film, at({*films, *eyes}, time))
-        for time, film in zip(times, films, strict=True)
-    ]
+            return (yield from reading_cameras(scene, times, camera, at))
+    views = []
+    for time, film in zip(times, films, strict=True):
+        views.append(cameras_from(scene, film, at({*films, *eyes}, time)))
+        yield len(views) / len(times)
+    return views
 
 
 def stands_still(camera: bpy.types.Object) -> bool:

@@ -8,29 +8,34 @@ import bpy
 
 from .collection_caches import renew
 from .console import quiet
+from .unfinished import blocks_now, made_since
 
 
 @contextmanager
 def scratch() -> Iterator[None]:
-    """Remove all data-blocks made inside, of any kind, at the end or after an error."""
-    before = set(bpy.data.user_map())
+    """Remove all data-blocks made inside, of any kind, at the end or after an error.
+
+    What the user makes while a step runs stays.
+    """
+    before = blocks_now()
     try:
         yield
     finally:
-        bpy.data.batch_remove([block for block in bpy.data.user_map() if block not in before])
+        bpy.data.batch_remove(made_since(before))
         renew()  # no collection may remember what is gone
 
 
 @contextmanager
 def all_or_nothing() -> Iterator[None]:
-    """Remove all data-blocks made inside if the block raises or is closed early."""
-    before = {block.session_uid for block in bpy.data.user_map()}
+    """Remove all data-blocks made inside if the block raises or is closed early.
+
+    What the user makes while a step runs stays.
+    """
+    before = blocks_now()
     try:
         yield
     except BaseException:
-        bpy.data.batch_remove(
-            [block for block in bpy.data.user_map() if block.session_uid not in before]
-        )
+        bpy.data.batch_remove(made_since(before))
         renew()
         raise
 

@@ -110,6 +110,7 @@ class Stepwise(Reporting):
         self._dropped = ""
         self._status = ""
         self._rests_on = _inputs_of(context.scene)
+        self._state = unfinished.state()
         self._timer = context.window_manager.event_timer_add(0.01, window=context.window)
         context.window_manager.progress_begin(0, 100)
         context.window_manager.modal_handler_add(self)
@@ -142,13 +143,13 @@ class Stepwise(Reporting):
             if _inputs_of(self._scene) != self._rests_on:  # by the user, since the last steps
                 self.drop("was stopped, as settings, characters or the camera were changed")
                 return {"PASS_THROUGH"}
-            before = unfinished.state()
+            before = unfinished.note_users(self._state)
             until = clock.monotonic() + min(max(drawing, LEAST_TICK), MOST_TICK)
             while True:  # small steps together
                 progress = next(self._steps)
                 if clock.monotonic() >= until:
                     break
-            unfinished.note(self._scene, before)
+            self._state = unfinished.note(self._scene, before)
             self._rests_on = _inputs_of(self._scene)  # steps may set some for a while
         except StopIteration as end:
             self._end(context)

@@ -231,7 +231,7 @@ def _own(item: bpy.types.Object, shared: Container[bpy.types.ID] = ()) -> str:
 
     shared: data that does not count.
     """
-    data = "" if item.data in shared else _data(item)
+    data = "" if item.data in shared else read_shape(item)
     modifiers = [(m.type, m.show_render, m.show_viewport) for m in item.modifiers]
     groups = [group.name for group in getattr(item, "vertex_groups", ())]
     return text_digest(
@@ -264,7 +264,7 @@ def _inputs(item: bpy.types.Object) -> list[tuple[str, str]]:
     return sorted((path, text) for path, text in texts.items() if path not in moved)
 
 
-def _data(item: bpy.types.Object) -> str:
+def read_shape(item: bpy.types.Object) -> str:
     """Return the digest of the object's data; the known one while it has not changed."""
     data = item.data
     weighted = bool(len(getattr(item, "vertex_groups", ())))

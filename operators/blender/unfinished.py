@@ -5,7 +5,7 @@ of what the step makes. The list is in them, too: undone to or opened, they are 
 """
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from typing import Any
 
@@ -18,6 +18,7 @@ UNFINISHED = "crowd_lod_unfinished"  # custom property of the scene that the ste
 Name = tuple[str, str]  # a data-block's collection in bpy.data, and its name
 _made: set[int] = set()  # session_uids
 _settings: list[tuple[Name, str, dict[str, Any]]] = []
+_users: set[int] = set()  # session_uids of what the user has made meanwhile
 _kept: set[int] = set()  # the latest session_uid of what is finished
 _listed: list[Any] = []  # the state of the file that the list was written in, and the settings
 
@@ -37,14 +38,44 @@ def state() -> tuple[int, int]:
     return latest, count
 
 
-def note(scene: bpy.types.Scene, before: tuple[int, int]) -> None:
+def note_users(before: tuple[int, int]) -> tuple[int, int]:
+    """Note what the user has made since the state `before`; return the state now."""
+    now = state()
+    if now[0] > before[0]:
+        _users.update(
+            block.session_uid
+            for _, blocks in _collections()
+            for block in blocks
+            if block.session_uid > before[0]
+        )
+    return now
+
+
+def made_since(before: Container[int]) -> list[bpy.types.ID]:
+    """Return the data-blocks that a step has made, and not the user while it ran.
+
+    before: session_uids of those that there were.
+    """
+    return [
+        block
+        for block in bpy.data.user_map()
+        if block.session_uid not in before and block.session_uid not in _users
+    ]
+
+
+def blocks_now() -> frozenset[int]:
+    """Return the session_uids of all data-blocks."""
+    return frozenset(block.session_uid for block in bpy.data.user_map())
+
+
+def note(scene: bpy.types.Scene, before: tuple[int, int]) -> tuple[int, int]:
     """List in `scene` what a step has made since the state `before`, what it made earlier, and set.
 
-    A data-block with a later session_uid is new.
+    A data-block with a later session_uid is new. Returns the state now.
     """
     now = state()
     if now == before and [now, *_settings] == _listed:
-        return
+        return now
     _listed[:] = [now, *_settings]
     block_names = []
     since = max(before[0], *_kept, 0)
@@ -54,6 +85,7 @@ def note(scene: bpy.types.Scene, before: tuple[int, int]) -> None:
                 _made.add(block.session_uid)
                 block_names.append((kind, block.name))
     scene[UNFINISHED] = json.dumps([block_names, _settings])
+    return now
 
 
 def keep(scene: bpy.types.Scene) -> None:
@@ -66,6 +98,7 @@ def end(scene: bpy.types.Scene) -> None:
     """End the list: the step has finished, or was dropped."""
     _kept.clear()
     _made.clear()
+    _users.clear()
     _listed.clear()
     with suppress(ReferenceError, KeyError):  # the user may have deleted the scene
         del scene[UNFINISHED]

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 import bpy
 import numpy as np
 
-from ...crowd_lod.progress import finished
 from ..blender.animation import armatures_of
 from ..blender.performance import Performance
 from .rig_needs import deforming
@@ -122,8 +121,12 @@ def split_scale(matrix: np.ndarray) -> tuple[np.ndarray, float]:
     return plain, float(scales.mean())
 
 
-def guess_keys(objects: Sequence[bpy.types.Object], act: Performance, diagonal: float) -> float:
-    """Return how many keys a frame the rigs' action for `act` has, by a few looks at its bones.
+def guess_keys(
+    objects: Sequence[bpy.types.Object], act: Performance, diagonal: float
+) -> Generator[float, None, float]:
+    """Guess how many keys a frame the rigs' action for `act` has, by a few looks at its bones.
+
+    Yields the progress and returns the keys a frame.
 
     objects: of the character. act: of one part. diagonal: of the character, meters.
     """
@@ -131,7 +134,7 @@ def guess_keys(objects: Sequence[bpy.types.Object], act: Performance, diagonal: 
     frames = max(last - first, 1.0)
     begins = first + np.floor(np.linspace(0, frames - 1, LOOKS))
     times = np.minimum(begins[:, None] + (0.0, 0.5, 1.0), last).ravel()
-    bones, places = finished(record({item: item for item in objects}, times, act))
+    bones, places = yield from record({item: item for item in objects}, times, act)
     # heads lie within the character; tails of leaves may be anywhere
     ways = [motion.heads for motion in bones.values() if motion.rest]
     for item, matrices in places.items():

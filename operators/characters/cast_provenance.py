@@ -34,6 +34,21 @@ def cast_inputs(scene: bpy.types.Scene) -> dict[str, str]:
     return inputs
 
 
+def reading_afresh(scene: bpy.types.Scene) -> Iterator[float]:
+    """Read again what characters and LODs are made of, so that cast_inputs tells all changes.
+
+    Yields between the parts.
+    """
+    provenance.look_afresh()
+    with suppress(CrowdError):  # missing characters are told elsewhere
+        for character in all_characters(scene):
+            for item in character.objects:
+                provenance.read_shape(item)
+                yield 0.0
+    for _ in _looked(scene):
+        yield 0.0
+
+
 def of_characters(inputs: dict[str, str]) -> dict[str, str]:
     """Return those of cast_inputs that are of characters themselves."""
     return {name: digest for name, digest in inputs.items() if name.startswith(CHARACTER)}

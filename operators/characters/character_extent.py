@@ -11,7 +11,7 @@ import numpy as np
 from ...crowd_lod.crowd.bounding_spheres import bounding_sphere
 from ...crowd_lod.crowd.sole import ground_of, sole_of
 from ...crowd_lod.errors import CrowdError
-from ..blender import cleanup, mesh_data
+from ..blender import mesh_data
 from ..blender.animation import armatures_of
 from ..blender.named_actions import own_performance
 from ..blender.performance import Performance
@@ -24,7 +24,7 @@ MOST_POSES = 120
 # Poses of an action in which soles are looked for: first, and where something hangs below them.
 # They take a third of all measuring if looked for in nine at once.
 SOLES = 3, 9
-TICK = 0.25  # seconds of measuring at a time
+TICK = 0.04  # seconds of measuring at a time
 OFF_GROUND = 0.02  # of a character's largest extent: nearer to the ground it stands on it
 FEET = 0.01  # of a character's height above its lowest point: what is lower stands on the ground
 # in the name of a bone: it carries what is held
@@ -113,23 +113,22 @@ def posing(
     performance: what the character plays, of which `frames` are moments; its own action if None.
     measure: of the objects that stand for them in a depsgraph, such as `extents`.
 
-    Returns a measurement for each frame. Whenever it yields, the file holds none of its temporary
-    data.
+    Returns a measurement for each frame. Whenever it yields, the character plays what it did.
     """
     performance = performance or own_performance(objects)
     poses = []
-    while len(poses) < len(frames):
-        with cleanup.scratch(), as_rendered(objects) as (stage, actors), performance:
-            for item in armatures_of(objects):
-                stage.collection.objects.link(item)
-            until = clock.monotonic() + TICK
-            for frame in frames[len(poses) :]:
-                performance.go_to(stage, frame)
-                depsgraph = stage.view_layers[0].depsgraph
-                poses.append(measure(actors, depsgraph))
-                if clock.monotonic() >= until:
-                    break
-        yield len(poses) / len(frames)
+    with as_rendered(objects) as (stage, actors), performance:
+        for item in armatures_of(objects):
+            stage.collection.objects.link(item)
+        until = clock.monotonic() + TICK
+        for frame in frames:
+            performance.go_to(stage, frame)
+            depsgraph = stage.view_layers[0].depsgraph
+            poses.append(measure(actors, depsgraph))
+            if clock.monotonic() >= until:
+                performance.rest()
+                yield len(poses) / len(frames)
+                until = clock.monotonic() + TICK
     return poses
 
 
@@ -147,7 +146,7 @@ def ground_below(act: Act) -> float:
     return ground_of(np.array([height for height, _ in act.soles] if hangs(act.soles) else lows))
 
 
-def standing(acts: Sequence[Act], origin: float) -> float:
+def height_of_ground(acts: Sequence[Act], origin: float) -> float:
     """Return the height above `origin` of the lowest ground that a character walks on in its
     actions.
 

@@ -11,13 +11,23 @@ import numpy as np
 from ...crowd_lod.crowd.agents import Action, Group
 from ...crowd_lod.crowd.maps import FARTHEST
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.progress import finished, share
+from ...crowd_lod.progress import aside, finished, share, standing
 from ..blender import scene_data, stored_values
 from ..blender.named_actions import performance_of
 from ..blender.performance import Part, Performance
 from ..blender.props import group_of
 from ..machine.scene_world import actions_named
-from .character_extent import SOLES, Act, bounds, frames_of, hangs, posing, sole, standing, walked
+from .character_extent import (
+    SOLES,
+    Act,
+    bounds,
+    frames_of,
+    hangs,
+    height_of_ground,
+    posing,
+    sole,
+    walked,
+)
 from .characters import Character, all_characters
 from .stored_groups import OF_EACH_LEVEL, groups_of
 
@@ -77,9 +87,13 @@ def _measuring_group(
         acts = yield from _acted(objects, performance)
         # while two actions mix, feet may dip into the ground: nobody is lifted for that
         plain = [act for part, act in zip(performance.parts, acts, strict=True) if not part.mixed]
-        low = base.lowest if base else standing(plain, origin[2])  # props are no feet
+        standing_on = aside(lambda: height_of_ground(plain, origin[2]))
+        # props are no feet
+        low = base.lowest if base else (yield from standing(standing_on, 1.0))
         stand = (*origin[:2], origin[2] + low * on_ground)
-        center, radius = bounds(objects[0].name, stand, *(act.poses for act in acts))
+        first_name = objects[0].name
+        bounding = aside(lambda: bounds(first_name, stand, *(act.poses for act in acts)))
+        center, radius = yield from standing(bounding, 1.0)
     first = performance.parts[0]
     fps = scene.render.fps / scene.render.fps_base
     group = Group(
@@ -96,17 +110,22 @@ def _measuring_group(
     meters = scene_data.meters(scene)
     stride = _custom(scene.crowd_lod.characters, name, "stride") / meters
     group = replace(group, stride=stride or first.root.way, way=first.root.way)
-    return replace(group, actions=_actions(group, performance, acts, fps, meters))
+    walking = aside(lambda: [walked(act) for act in acts[1:]])
+    feet = yield from standing(walking, 1.0)
+    return replace(group, actions=_actions(group, performance, feet, fps, meters))
 
 
 def _actions(
-    group: Group, performance: Performance, acts: Sequence[Act], fps: float, meters: float
+    group: Group, performance: Performance, feet: Sequence[float], fps: float, meters: float
 ) -> tuple[Action, ...]:
-    """Return what the group plays besides its own action, which is the performance's first part."""
+    """Return what the group plays besides its own action, which is the performance's first part.
+
+    feet: what the feet walk in a cycle of each of these actions, in units of the scene.
+    """
     other_parts = performance.parts[1:]
     actions = {
-        part.name: _action(part, act, fps, 2 * group.radius, meters)
-        for part, act in zip(other_parts, acts[1:], strict=True)
+        part.name: _action(part, way, fps, 2 * group.radius, meters)
+        for part, way in zip(other_parts, feet, strict=True)
     }
     for part in other_parts:
         if part.mixed:  # a cross-fade goes at the rate of the action to come
@@ -137,12 +156,11 @@ def _acted(
     return acts
 
 
-def _action(part: Part, act: Act, fps: float, size: float, meters: float) -> Action:
-    """Return the Action that a group plays as `part`; act: of it.
+def _action(part: Part, feet: float, fps: float, size: float, meters: float) -> Action:
+    """Return the Action that a group plays as `part`.
 
-    size: of the group, in units of `meters`.
+    feet: what the feet walk in a cycle of it; size: of the group; both in units of `meters`.
     """
-    feet = walked(act)
     stride = (
         part.stride / meters
         if part.action is not None and part.action.get("stride")

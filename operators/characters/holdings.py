@@ -1,6 +1,6 @@
 """What character groups hold in a file and in a build, whatever frames show."""
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
 
 import bpy
@@ -8,6 +8,7 @@ import numpy as np
 
 from ...crowd_lod.animation.phase_classes import Gaits, Library
 from ...crowd_lod.levels.cost_model import Holdings
+from ...crowd_lod.progress import standing
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender.named_actions import group_performance
 from ..blender.ownership import OWNED
@@ -89,8 +90,12 @@ def _parts_played(gaits: Gaits, g: int, used: np.ndarray, seconds: float) -> dic
     return parts
 
 
-def holdings_of(characters: Characters, trajectory: Trajectory, library: Library) -> CastHoldings:
-    """Return what the groups of `characters` (see characters_of) of a `trajectory` hold.
+def holdings_of(
+    characters: Characters, trajectory: Trajectory, library: Library
+) -> Generator[float, None, CastHoldings]:
+    """Find what the groups of `characters` (see characters_of) of a `trajectory` hold.
+
+    Yields the progress and returns the holdings.
 
     library: what a build makes of them.
     """
@@ -109,7 +114,7 @@ def holdings_of(characters: Characters, trajectory: Trajectory, library: Library
                 act = performance.only(gaits.actions[action])
                 diagonal = groups[g].diagonal or 2 * groups[g].radius
                 ((begin, end),) = act.spans
-                a_frame = guess_keys(objects, act, diagonal)
+                a_frame = yield from standing(guess_keys(objects, act, diagonal), g / len(groups))
                 keys = bones[g] * CURVES * ((end - begin) * a_frame + 1)
                 live_keys[g] += keys
                 baked_keys[g][action] = keys * min(1.0, BAKED_KEYS / a_frame)

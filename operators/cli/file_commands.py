@@ -12,7 +12,7 @@ from ... import sample_scenes
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
 from ...crowd_lod.frame.frame_range import parse_frames
-from ...crowd_lod.progress import share
+from ...crowd_lod.progress import share, standing
 from ...crowd_lod.reporting import files, tables
 from ..blender import console, frame_stepping
 from ..blender.output_folders import output_file
@@ -209,16 +209,20 @@ def _building(
     steps = bake.bake(scene, frames, args.strict) if args.bake else render_setup.build(scene)
     cast = yield from share(steps, 0.3, 1.0)
     # a live build looks the plan up when its frames are shown
-    return predicted, cast, "" if args.bake else _note_on_plan(scene, args.strict)
+    if args.bake:
+        return predicted, cast, ""
+    return predicted, cast, (yield from standing(_note_on_plan(scene, args.strict), 1.0))
 
 
-def _note_on_plan(scene: bpy.types.Scene, strict: bool) -> str:
-    """Return a sentence if the scene's shot plan does not hold; "" if it does, or there is none.
+def _note_on_plan(scene: bpy.types.Scene, strict: bool) -> Generator[float, None, str]:
+    """Find out whether the scene's shot plan holds; yield the progress.
 
+    Returns a sentence if it does not, "" if it does, or there is none.
     CrowdError in its place if that is `strict`.
     """
     settings = scene.crowd_lod
-    sentence = notes_on_shot(scene, trajectory_of(scene), policy_of(settings), bias_of(settings))
+    looking = notes_on_shot(scene, trajectory_of(scene), policy_of(settings), bias_of(settings))
+    sentence = yield from looking
     if sentence and strict:
         raise CrowdError(sentence)
     return sentence

@@ -5,10 +5,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from ...crowd_lod.format import printable
+from ...crowd_lod.levels.budget_fit import Budget
 from ...crowd_lod.progress import share
 from ...crowd_lod.reporting import files, plan_comparison
 from ...crowd_lod.shot import plan_file
-from ...crowd_lod.shot.budget import Budget
+from ..settings.budgets import budget_of
 from ..shot import shot_plan
 from ..shot.shot_survey import forget_parts
 from ..sources.record_points import with_record
@@ -133,7 +134,7 @@ def _budget(args, settings) -> Budget:
     """Return the budget of the settings, with the limits that only the command has."""
     limits = {"vertices": args.vertices, "finest": args.lod0}
     return replace(
-        shot_plan.budget_of(settings),
+        budget_of(settings),
         **{name: limit for name, limit in limits.items() if limit is not None},
     )
 

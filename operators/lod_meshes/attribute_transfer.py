@@ -2,15 +2,16 @@
 
 from collections.abc import Generator
 from dataclasses import dataclass
+from functools import partial
 
 import bpy
 import numpy as np
 
-from ...crowd_lod.progress import steps_aside
+from ...crowd_lod.progress import aside, steps_aside
 from ...crowd_lod.simplification.decimate import LodMesh
 from ..blender import mesh_data
 from .source_mesh import KEY, NORMALS, Source, offset_of, positions, read_attributes
-from .uv_charts import Place, charts_of, choose_charts, locate, unique_rows
+from .uv_charts import Place, charting, charts_of, choose_charts, locate, unique_rows
 
 MOST_INFLUENCES = 4  # bones that a vertex of a LOD follows
 # A corner finds its side of a seam or sharp edge from a point this part of the way to the center of
@@ -81,13 +82,9 @@ def dress(name: str, result: LodMesh, source: Source) -> Generator[None, None, b
     yield
     places = yield from steps_aside(find_places(result, source))
     yield
-    for key, (domain, kind, values) in read_attributes(source.mesh).items():
-        if key == NORMALS:
-            carried = _carry_normals(values, result, source, places)
-        elif domain == "CORNER":
-            carried = _carry_corners(kind, values, source, places)
-        else:
-            carried = _carry(key, domain, values, result, source, places)
+    for key, attribute in read_attributes(source.mesh).items():
+        domain, kind, values = attribute
+        carried = yield from aside(partial(_carry, key, attribute, result, source, places))
         if carried is not None:
             write_attribute(mesh, key, domain, kind, carried.astype(values.dtype))
     mesh.update()
@@ -95,9 +92,21 @@ def dress(name: str, result: LodMesh, source: Source) -> Generator[None, None, b
 
 
 def _carry(
-    key: str, domain: str, values: np.ndarray, result: LodMesh, source: Source, places: LodPlaces
+    key: str,
+    attribute: tuple[str, str, np.ndarray],
+    result: LodMesh,
+    source: Source,
+    places: LodPlaces,
 ) -> np.ndarray | None:
-    """Values of the LOD's points or faces from the source's; None for another domain."""
+    """Return values of the LOD's corners, points or faces; None for another domain.
+
+    attribute: the source's (domain, type, values).
+    """
+    domain, kind, values = attribute
+    if key == NORMALS:
+        return _carry_normals(values, result, source, places)
+    if domain == "CORNER":
+        return _carry_corners(kind, values, source, places)
     _, triangles, _, faces = source.geometry
     if key.startswith(KEY):
         return _mix(places.point.weights, values[triangles[places.point.triangle]])
@@ -178,25 +187,36 @@ def _shading(source: Source, result: LodMesh, chart: np.ndarray, normals: np.nda
     return np.where(is_sharp, fitted, shared)
 
 
-def shade(mesh: bpy.types.Mesh, source: Source) -> None:
+def shade(mesh: bpy.types.Mesh, source: Source) -> Generator[None, None, None]:
     """Give a mesh from Blender's Decimate better normals than those that Decimate has mixed.
 
     With few triangles they are fitted to each. With many triangles mixed normals are worse than
-    none: they stay only where the source had custom normals.
+    none: they stay only where the source had custom normals. Yields between the steps.
     """
     if NORMALS not in mesh.attributes:
         return
     points, triangles, corners, _ = mesh_data.read_triangles(mesh)
     if len(triangles) <= FEW:
-        result = LodMesh(points, triangles, nearest_vertices(source, points))
-        chart, _ = choose_charts(source, result)
+        yield from charting(source)
+        normals = read_attributes(source.mesh)[NORMALS][2]
         values = np.empty((len(mesh.loops), 3), np.float32)
-        values[corners.ravel()] = _shading(
-            source, result, chart, read_attributes(source.mesh)[NORMALS][2]
-        )
+        shading = partial(_decimated_normals, source, points, triangles, normals)
+        values[corners.ravel()] = yield from aside(shading)
         write_attribute(mesh, NORMALS, "CORNER", "FLOAT_VECTOR", values)
     elif not source.custom_normals:
         mesh.attributes.remove(mesh.attributes[NORMALS])
+
+
+def _decimated_normals(
+    source: Source, points: np.ndarray, triangles: np.ndarray, normals: np.ndarray
+) -> np.ndarray:
+    """Return normals (3 m, 3) of the corners of a mesh from Blender's Decimate.
+
+    points: (n, 3); triangles: (m, 3); normals: (loops, 3) of the source's corners.
+    """
+    result = LodMesh(points, triangles, nearest_vertices(source, points))
+    chart, _ = choose_charts(source, result)
+    return _shading(source, result, chart, normals)
 
 
 def nearest_vertices(source: Source, points: np.ndarray) -> np.ndarray:

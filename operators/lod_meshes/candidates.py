@@ -35,6 +35,7 @@ from .level_objects import AS_MADE, WAY, WHY, discard, hash_made, make_object, s
 from .measurements import OFTEN_LOST, Measurements
 from .pose_deformation import skin_of
 from .search import Search
+from .workload import FURTHER, LOOK, MAKE, SEARCH
 
 # Custom properties of the collection of one character group in a LOD: the hash of what it was made
 # from, which candidate it is, and how many objects it has. That of the finest LOD also has what was
@@ -136,6 +137,10 @@ class Ladder:
         for number, item in enumerate(self.objects):
             source = sources.read_source(item)
             self.sources.append(source)
+            yield number / len(self.objects)
+            if source.mesh:
+                reading = sources.reading_weights(source.mesh)
+                source.weights = yield from standing(reading, number / len(self.objects))
             digests.append(sources.object_digest(item, source))
             yield (number + 1) / len(self.objects)
         if not any(source.mesh for source in self.sources):
@@ -157,6 +162,7 @@ class Ladder:
         triangles = [len(source.mesh.loops) - 2 * len(source.mesh.polygons) for source in meshes]
         for source, count in zip(meshes, triangles, strict=True):
             source.share = count / sum(triangles)
+        self._size = sum(triangles) ** 0.5  # reading and searching take about as much longer
         self._read_given(sum(triangles))
 
     def _read_given(self, triangles: int) -> None:
@@ -184,6 +190,21 @@ class Ladder:
             elif self.given:
                 part = min(goal, FOLLOWING * part)
                 self.goals[k] = part
+
+    @property
+    def cost(self) -> float:
+        """What making and measuring a candidate costs, see Workload."""
+        return self._size * (SEARCH if self.searched else MAKE)
+
+    @property
+    def further_cost(self) -> float:
+        """What further candidates may cost that the measurements of others call for."""
+        return self._size * SEARCH * FURTHER if self.searched else 0.0
+
+    @property
+    def look_cost(self) -> float:
+        """What `look_between` costs."""
+        return 0.0 if self.searched else self._size * LOOK * len(self.goals)
 
     def recall(self, earlier: bpy.types.Collection | None) -> None:
         for home in self._earlier_homes(earlier):
@@ -271,7 +292,7 @@ class Ladder:
             if self._is_whole(goal) and all(source.item.type == "MESH" for source in self.sources):
                 steps = self.judge.whole()
             deviation = yield from share(steps, 0.7, 1.0)
-            self._note(goal, counts, deviation)
+            yield from standing(self._note(goal, counts, deviation), 1.0)
 
     def _measure_given(self, goal: float) -> Iterator[float]:
         """Measure a LOD that was given, by tolerance in further frames as well."""
@@ -282,7 +303,7 @@ class Ladder:
         if self.searched:
             steps = self.judge.look_between([level], [deviation])
             (deviation,) = yield from share(steps, 0.7, 1.0)
-        self._note(goal, counts, deviation)
+        yield from standing(self._note(goal, counts, deviation), 1.0)
 
     def _make(self, goal: float) -> Generator[float, None, tuple[int, int]]:
         """Make the LOD that keeps the part `goal` of the triangles, or copy the given one.
@@ -312,6 +333,7 @@ class Ladder:
 
     def _read_skins(self) -> Iterator[float]:
         if self.new_homes.keys() <= self.given.keys():
+            yield from standing(self.judge.choose_frames(), 0.0)
             for source in self.sources:
                 yield from standing(skin_of(source, self.judge.own_frames), 0.0)
 
@@ -334,7 +356,7 @@ class Ladder:
         self._keep(length, self.objects, [attempt.item for attempt in tries])
         vertices = sum(attempt.vertices for attempt in tries)
         triangles = sum(attempt.triangles for attempt in tries)
-        self._note(length, (vertices, triangles), deviation)
+        yield from standing(self._note(length, (vertices, triangles), deviation), 1.0)
 
     def _keep(
         self,
@@ -357,15 +379,21 @@ class Ladder:
 
     def _note(
         self, goal: float, counts: tuple[int, int], deviation: tuple[float, float, float, float]
-    ) -> None:
-        """Note the (vertices, triangles) of the LOD for `goal`, and what was measured of it."""
+    ) -> Iterator[float]:
+        """Note the (vertices, triangles) of the LOD for `goal`, and what was measured of it.
+
+        Yields between the steps.
+        """
         self.measured.diagonal = self.judge.diagonal
         row = (*counts, *deviation)
         if self.looks:
             worst = (self.judge.performance, deviation[-1])
             level = list(self.homes[goal].objects)
             diagonal = self.judge.diagonal
-            row += (compare(self.objects, level, worst, diagonal, self.looks) if goal else 0.0,)
+            shaded = 0.0
+            if goal:
+                shaded = yield from compare(self.objects, level, worst, diagonal, self.looks)
+            row += (shaded,)
         self.measured.rows[goal] = row
 
     def look_between(self, goals: Sequence[float]) -> Iterator[float]:

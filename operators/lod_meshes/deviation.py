@@ -2,7 +2,6 @@
 
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import bpy
 import numpy as np
@@ -21,12 +20,12 @@ from ..characters.stored_groups import groups_of, store_groups
 from ..machine.scene_world import actions_named
 from ..scene.scene_crowd import characters_of, home_of
 from ..settings import needs
-from .pose_choice import poses
+from .pose_choice import choose_poses
 from .posed_shapes import Posed, Shape, read_shapes, surface_of
 from .posed_surface import Measured, PosedSurface, Worst, compare_surfaces, parts_of
 from .shaded_pictures import bodies_of, within
 from .surface import merge
-from .unseen_frames import Looked, look_at, moments_beside, moments_between, watch
+from .unseen_frames import Looked, Watched, look_at, moments_beside, moments_between, watch
 
 SOLID = ("MESH", "CURVE", "SURFACE", "META", "FONT")  # types of objects that have faces
 BELOW = 5e-5  # of the size: no frame exceeds a bound by less
@@ -61,6 +60,7 @@ class Measure:
     objects: the character's.
     actions: that states name, besides its own.
     hidden_counts: whether surface that nobody sees counts as well.
+    frames: the poses, moments of the performance; further ones are added as they are found.
     """
 
     def __init__(
@@ -77,11 +77,12 @@ class Measure:
         self._levels: dict[tuple[int, ...], PosedSurface] = {}
         self.worst: Worst | None = None  # of the LOD that was measured last
         self.performance = performance_of(name, list(objects), actions)
+        self.frames: list[float] = []
 
-    @cached_property
-    def frames(self) -> list[float]:
-        """The poses, moments of the performance; further ones are added as they are found."""
-        return poses(self.objects, self.performance)
+    def choose_frames(self) -> Iterator[None]:
+        """Choose the poses, unless that is done; yield between the steps."""
+        if not self.frames:
+            self.frames = yield from choose_poses(self.objects, self.performance)
 
     @property
     def own_frames(self) -> list[float]:
@@ -96,15 +97,17 @@ class Measure:
         """
         if self.character is not None:
             return
+        yield from standing(self.choose_frames(), 0.0)
         shapes = yield from read_shapes(self.objects, self.frames, self.performance)
-        surfaces = [each.points for each in map(surface_of, shapes) if each]
-        if not surfaces:
+        diagonals = yield from standing(aside(lambda: _diagonals(shapes)), 1.0)
+        if not diagonals:
             raise CrowdError(
                 f"The character {self.name} shows no face in any pose of its action: check its "
                 f"modifiers."
             )
-        self.diagonal = max(float(np.linalg.norm(np.ptp(points, axis=0))) for points in surfaces)
-        self.character = PosedSurface(shapes, self.hidden_counts)
+        self.diagonal = max(diagonals)
+        surfacing = aside(lambda: PosedSurface(shapes, self.hidden_counts))
+        self.character = yield from standing(surfacing, 1.0)
 
     def visible(self, number: int) -> np.ndarray:
         """Return which vertices of the object someone may see, (n,) bool, as it is evaluated.
@@ -188,7 +191,8 @@ class Measure:
         """
         yield from share(self.read(), 0.0, 0.2)
         shapes = yield from share(read_shapes(objects, self.frames, self.performance), 0.2, 0.4)
-        lod = PosedSurface(shapes, self.hidden_counts, self.character)
+        surfacing = aside(lambda: PosedSurface(shapes, self.hidden_counts, self.character))
+        lod = yield from standing(surfacing, 0.4)
         self._levels[_key(objects)] = lod
         comparing = aside(lambda: compare_surfaces(self.character, lod, self.frames))
         compared = yield from standing(comparing, 0.4)
@@ -223,10 +227,7 @@ class Measure:
             or any(len(lod.runs) > 1 for lod in lods)
         ):
             return rows
-        character, *surfaces = (each.surface(each.runs[0]) for each in (self.character, *lods))
-        pairs = yield from aside(
-            lambda: [(watch(character, lod), watch(lod, character)) for lod in surfaces]
-        )
+        pairs = yield from aside(lambda: _watched_pairs(self.character, lods))
         with Posed(self.objects, [levels[k] for k in indices], self.performance) as posed:
             off = yield from share(look_at(posed, moments, pairs), 0.0, 0.8)
             beside = moments_beside(moments, off)
@@ -253,6 +254,20 @@ class Measure:
             self.performance.rest()
             if self.character.add(shape):
                 self.frames.append(moment)
+
+
+def _diagonals(shapes: Sequence[Shape]) -> list[float]:
+    """Return the diagonal of the bounding box in each pose that shows a face, meters."""
+    surfaces = [surface for surface in map(surface_of, shapes) if surface]
+    return [float(np.linalg.norm(np.ptp(surface.points, axis=0))) for surface in surfaces]
+
+
+def _watched_pairs(
+    character: PosedSurface, lods: Sequence[PosedSurface]
+) -> list[tuple[Watched, Watched]]:
+    """Return for each LOD what is watched of the character, and of the LOD, in the first run."""
+    whole, *surfaces = (each.surface(each.runs[0]) for each in (character, *lods))
+    return [(watch(whole, lod), watch(lod, whole)) for lod in surfaces]
 
 
 def _key(objects: Sequence[bpy.types.Object]) -> tuple[int, ...]:
@@ -300,8 +315,10 @@ def compare(
     at: tuple[Performance, float],
     diagonal: float,
     appearance: Looks,
-) -> float:
-    """What the shaded pictures of a LOD and its character say, see Group.shaded.
+) -> Generator[float, None, float]:
+    """Find what the shaded pictures of a LOD and its character say, see Group.shaded.
+
+    Yields between the steps.
 
     objects: the character's; level: the LOD's; at: what it plays, and a moment of that; diagonal:
     meters, of the character's bounding box; appearance: of all objects.
@@ -312,7 +329,10 @@ def compare(
         bodies = [
             bodies_of(each, depsgraph, appearance) for each in (posed.character, *posed.levels)
         ]
-        return np.inf if None in bodies else within(*bodies, appearance.images(), diagonal)
+    if None in bodies:
+        return np.inf
+    images = appearance.images()
+    return (yield from aside(lambda: within(*bodies, images, diagonal)))
 
 
 def meshes_of(levels: bpy.types.Collection, g: int, name: str) -> list[list[bpy.types.Object]]:
@@ -355,11 +375,12 @@ def measure_levels(scene: bpy.types.Scene) -> Iterator[float]:
             appearance = Looks()
             coarser = zip(meshes[1:], measured_group.worst[1:], strict=True)
             performance = performance_of(name, objects, actions)
-            shaded = (
-                compare(objects, mesh, (performance, worst), measured_group.diagonal, appearance)
-                for mesh, worst in coarser
-            )
-            measured_group = replace(measured_group, shaded=(0.0, *shaded))
+            shaded = [0.0]
+            for mesh, worst in coarser:
+                at = performance, worst
+                comparing = compare(objects, mesh, at, measured_group.diagonal, appearance)
+                shaded.append((yield from standing(comparing, (g + 1) / len(characters))))
+            measured_group = replace(measured_group, shaded=tuple(shaded))
         measured.append(measured_group)
     store_groups(settings, tuple(measured))
 

@@ -43,7 +43,8 @@ def hash_made(item: bpy.types.Object) -> str:
     if WAY not in item:
         return repr(appearance)
     item.update_from_editmode()
-    return sources.digest(item.data, appearance, item.vertex_groups.keys())
+    weights = sources.read_weights(item.data)
+    return sources.digest(item.data, weights, appearance, item.vertex_groups.keys())
 
 
 def make_object(
@@ -61,6 +62,7 @@ def make_object(
     if not ratio:
         return _leave_out(item)
     way = yield from methods.make(source, ratio, method, item.name)
+    yield
     copy = copy_object(item) if item.type == "MESH" else _stand_in(item, way.mesh)
     for modifier in list(copy.modifiers):
         if modifier.type not in sources.FOLLOWED:
@@ -69,6 +71,7 @@ def make_object(
     for slot in copy.material_slots:
         slot.link = "DATA"
     attribute_transfer.set_weights(copy, source.groups, _rigs(item, source.groups), way.weights)
+    yield
     attribute_transfer.set_normals(way.mesh)
     attribute_transfer.set_keys(copy, source)
     attribute_transfer.mark_active(way.mesh, source.mesh)

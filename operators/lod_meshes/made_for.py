@@ -15,6 +15,7 @@ from ...crowd_lod.crowd.paces import mixed_in
 from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import number
+from ...crowd_lod.frame.frame_range import spread_evenly
 from ...crowd_lod.levels.cost_model import Holdings
 from ...crowd_lod.levels.lengths import DARKER, NEAR_ENOUGH, allowed_lengths, read_curve
 from ...crowd_lod.levels.selection import GroupShot, View
@@ -25,8 +26,9 @@ from ..characters.cast_provenance import cast_inputs, of_characters
 from ..characters.stored_groups import count_of
 from ..machine.scene_world import actions_named
 from ..scene.scene_crowd import GROUP
+from ..settings.budgets import NO_BUDGET, budget_words, holds_anyway, limits_levels
 from .level_objects import GIVEN
-from .selection import choose_candidates
+from .selection import MOST_FRAMES, Limits, choose_candidates
 
 # custom properties of the collection of all LODs: what they were made for, and what they were
 # chosen from
@@ -110,7 +112,6 @@ def note_shot(
     keep: for each group, the candidates that it has.
     """
     top = scene.crowd_lod.levels
-    provenance.look_afresh()
     provenance.keep(top, MADE_FOR, _facts(scene) | of_characters(cast_inputs(scene)))
     top[CHOSEN_FROM] = json.dumps(
         {
@@ -127,7 +128,9 @@ def note_shot(
                     "characters": shot.characters,
                     "holdings": vars(shot.holdings),
                     "keep": [*map(int, indices)],
-                    "views": [_packed(view.counted()) for view in shot.views],
+                    "views": [
+                        _packed(view.counted()) for view in spread_evenly(shot.views, MOST_FRAMES)
+                    ],
                 }
                 for group, shot, indices in zip(groups, shots, keep, strict=True)
                 if shot is not None
@@ -176,6 +179,8 @@ def changed(scene: bpy.types.Scene) -> dict[str, tuple[str, str]]:
         return {}
     before = provenance.read_inputs(settings.levels, MADE_FOR)
     now = _facts(scene)
+    if "budget" in now and before.get("budget") == NO_BUDGET and holds_anyway(settings):
+        del now["budget"]  # LODs for it would be the same
     return _lacks(settings) | {
         name: (before[name], now[name])
         for name in now
@@ -242,13 +247,15 @@ def forecast(scene: bpy.types.Scene) -> Forecast | None:
 
     It rests on the agents that the shot showed when the LODs were made: agents that another lens
     leaves out, or brings in, do not count. No LOD is made or measured, and the answer is kept until
-    something changes. It is not known with a limit of memory, for to try tolerances until LODs fit
-    takes seconds; by ratio; with LODs that artists gave; and where the candidates themselves would
+    something changes. It is not known with a limit of memory or a budget, for to try tolerances until
+    LODs fit takes seconds; by ratio; with LODs that artists gave; and where the candidates themselves would
     be others (UNFORESEEN).
     """
     settings = scene.crowd_lod
     stored = settings.levels.get(CHOSEN_FROM) if settings.levels is not None else None
     if not isinstance(stored, str) or settings.memory or settings.choice != "BY_TOLERANCE":
+        return None
+    if limits_levels(settings):
         return None
     news = changed(scene)
     if not news or UNFORESEEN & set(news) or edited(scene):
@@ -298,7 +305,9 @@ def _forecast(scene: bpy.types.Scene, stored: dict) -> Forecast | None:
         for entry, shot in zip(stored["groups"], shots, strict=True)
     ]
     known = [range(len(group.triangles)) for group in groups]
-    keep = choose_candidates(settings, groups, shots, 1.0, known, [()] * len(groups)).keep
+    keep = choose_candidates(
+        Limits(settings.tolerance), groups, shots, 1.0, known, [()] * len(groups)
+    ).keep
     rows = []
     for entry, group, then in zip(stored["groups"], groups, keep, strict=True):
         before = _ratios(entry["triangles"], entry["keep"])
@@ -394,6 +403,7 @@ def _facts(scene: bpy.types.Scene) -> dict[str, str]:
     facts |= {
         "tolerance": f"{settings.tolerance:g} px",
         "memory": f"{settings.memory:g} MB",
+        "budget": budget_words(settings),
         "resolution": f"{render.resolution_x * part:.0f} x {render.resolution_y * part:.0f}",
         "engine": scene_data.engine_of(scene).capitalize(),
         "actions": _actions(scene),

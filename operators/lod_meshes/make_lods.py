@@ -10,21 +10,26 @@ import bpy
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.crowd.bounding_spheres import cover_sizes
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import number
 from ...crowd_lod.progress import aside, share, standing
 from ..blender import scene_data
 from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED, remove_owned
+from ..blender.unfinished import blocks_now, made_since
+from ..characters.cast_provenance import reading_afresh
 from ..characters.characters import GROUP, Character, all_characters
 from ..characters.group_measuring import measuring_groups, stands
 from ..characters.stored_groups import store_groups
 from ..machine.scene_world import check_maps
 from ..scene.scene_crowd import trajectory_of
 from ..settings import needs
+from ..settings.budgets import budget_of, limits_levels
 from ..sources.record_points import with_record
 from . import selection
 from .candidates import CANDIDATE, Ladder
 from .level_objects import TINTS
 from .made_for import note_shot
+from .workload import READ, Workload
 
 
 @dataclass(frozen=True)
@@ -33,11 +38,13 @@ class Outcome:
 
     new: those whose LOD meshes it made; unchanged: those whose it kept as they were; edited: of
     the new, the ones made again only because their LOD meshes had been edited or deleted.
+    budget_tolerance: pixels that LODs must be allowed for the budget; 0 for no more than is set.
     """
 
     new: tuple[str, ...]
     unchanged: tuple[str, ...]
     edited: tuple[str, ...]
+    budget_tolerance: float = 0.0
 
     @property
     def sentence(self) -> str:
@@ -50,6 +57,11 @@ class Outcome:
             parts.append(
                 f"Made again, because they were edited or deleted by hand: "
                 f"{', '.join(self.edited)}."
+            )
+        if self.budget_tolerance:
+            parts.append(
+                f"To hold the budget, Plan Shot will let LODs deviate by up to about "
+                f"{number(self.budget_tolerance)} pixels."
             )
         return " ".join(parts)
 
@@ -74,12 +86,14 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
     # a linked copy begins with the LODs of the other scene, which stay that one's
     copied = scene_data.is_shared(scene, "levels")
     earlier = None if copied else settings.levels
-    before = set(bpy.data.user_map())
+    before = blocks_now()
     is_done = False
     try:
         ladders, groups, shots = yield from _read(scene, characters, earlier)
-        choice, guesses = yield from _chosen(scene, ladders, groups, shots)
-        homes, edited = yield from _made(ladders, choice.keep, earlier)
+        work = Workload()
+        choice, guesses = yield from _chosen(scene, ladders, groups, shots, work)
+        homes, edited = yield from _made(ladders, choice.keep, earlier, work)
+        yield from standing(reading_afresh(scene), 1.0)
         is_done = True
     except ReferenceError as error:  # by a script or another add-on, between two steps
         raise CrowdError(
@@ -87,7 +101,7 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
         ) from error
     finally:
         if not is_done:
-            bpy.data.batch_remove([block for block in bpy.data.user_map() if block not in before])
+            bpy.data.batch_remove(made_since(before))
     for ladder, own in zip(ladders, homes, strict=True):
         ladder.settle(own)
     new = [ladder.name for ladder in ladders if ladder.new_homes]
@@ -106,11 +120,12 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
     settings.memory_tolerance = choice.tolerance
     settings.memory_made = settings.memory
     settings.estimate = ""
+    settings.shot_budgets = ""  # they rest on the LODs that there were
     _store(settings, ladders, groups, homes, len(levels))
     for entry, finest in zip(settings.groups, choice.finest, strict=True):
         entry.finest = finest
     yield 1.0
-    return Outcome(tuple(new), tuple(unchanged), tuple(edited))
+    return Outcome(tuple(new), tuple(unchanged), tuple(edited), choice.budget_tolerance)
 
 
 def _show_nowhere(scene: bpy.types.Scene, top: bpy.types.Collection) -> None:
@@ -157,31 +172,38 @@ def _read(
         ladder = Ladder(
             name, character.objects, list(ratios), settings, place, character.given_lods
         )
-        yield from share(ladder.read(), 0.1 * g / len(characters), 0.1 * (g + 1) / len(characters))
+        begin = 0.3 * READ * g / len(characters)
+        yield from share(ladder.read(), begin, begin + 0.3 * READ / len(characters))
         ladder.recall(earlier)
         ladders.append(ladder)
         if ladder.reach:
             reaches[name] = ladder.reach
-    groups = yield from standing(measuring_groups(scene, reaches), 0.1)
+    groups = yield from share(measuring_groups(scene, reaches), 0.3 * READ, 0.65 * READ)
     shots = [None] * len(groups)
+    is_limited = bool(settings.memory) or limits_levels(settings)
     if settings.choice == "BY_TOLERANCE":
         frames = scene_data.frames_of(scene)
         looking = with_record(
             scene, frames, lambda: selection.views(scene, settings, trajectory_of(scene, groups))
         )
-        shots = yield from standing(looking, 0.1)
-    for ladder, group, shot in zip(ladders, groups, shots, strict=True):
+        shots = yield from share(looking, 0.65 * READ, 0.75 * READ)
+    for g, (ladder, group, shot) in enumerate(zip(ladders, groups, shots, strict=True)):
+        begin = READ * (0.75 + 0.25 * g / len(ladders))
         ladder.reach = group.lowest, group.center, group.radius
         for goal in (ladder.goals[0], *ladder.given):
             if goal in ladder.goals and goal not in ladder.measured.rows:
-                yield from standing(ladder.measure(goal), 0.1)
+                yield from standing(ladder.measure(goal), begin)
         if shot is not None:
-            ladder.aim(group, shot.views, round(settings.tolerance, 6), bool(settings.memory))
+            ladder.aim(group, shot.views, round(settings.tolerance, 6), is_limited)
     return ladders, groups, shots
 
 
 def _chosen(
-    scene: bpy.types.Scene, ladders: list[Ladder], groups: Sequence[Group], shots: list
+    scene: bpy.types.Scene,
+    ladders: list[Ladder],
+    groups: Sequence[Group],
+    shots: list,
+    work: Workload,
 ) -> Iterator[float]:
     """Choose LODs, some by what is guessed of them; yields the progress.
 
@@ -189,11 +211,10 @@ def _chosen(
     are measured. Returns the choice, and the groups with values of all their candidates.
     """
     settings = scene.crowd_lod
-    limits = selection.Limits(settings.tolerance, settings.memory)
+    limits = selection.Limits(settings.tolerance, settings.memory, budget_of(settings))
     choice = None
     guesses = []
     missing = True
-    total = sum(len(ladder.goals) for ladder in ladders)
     while missing:
         usual = [lost for ladder in ladders for lost in ladder.measured.lost()]
         guesses = [
@@ -216,24 +237,26 @@ def _chosen(
             measured,
             by_hand,
         )
-        done = sum(map(len, measured)) / total
-        choice = yield from standing(aside(choosing), 0.1 + 0.79 * done)
+        choice = yield from work.take(aside(choosing), 0.0)
         missing = [
             (ladder, k)
             for ladder, keep, indices in zip(ladders, choice.keep, measured, strict=True)
             for k in keep
             if k not in indices
         ]
+        work.left = sum(ladder.cost for ladder, _ in missing)
+        work.left += sum(ladder.further_cost for ladder in {ladder for ladder, _ in missing})
+        work.left += sum(ladder.look_cost for ladder in ladders)
         for ladder, k in missing[:1]:  # it says more of the others
-            tried = sum(len(indices) for indices in measured)
-            begin = 0.1 + 0.79 * tried / total
-            end = 0.1 + 0.79 * (tried + 1) / total
-            yield from share(ladder.measure(ladder.goals[k]), begin, end)
+            yield from work.take(ladder.measure(ladder.goals[k]), ladder.cost)
     return choice, guesses
 
 
 def _made(
-    ladders: list[Ladder], keep: Sequence[Sequence[int]], earlier: bpy.types.Collection | None
+    ladders: list[Ladder],
+    keep: Sequence[Sequence[int]],
+    earlier: bpy.types.Collection | None,
+    work: Workload,
 ) -> Iterator[float]:
     """Find the candidates to `keep` of each ladder, or make them.
 
@@ -252,15 +275,15 @@ def _made(
         ]:
             edited.append(ladder.name)
         for goal in missing:
-            yield from standing(ladder.make(goal), 0.9 + 0.09 * g / len(ladders))
-        yield from standing(ladder.look_between(goals), 0.9 + 0.09 * g / len(ladders))
+            yield from work.take(ladder.make(goal), ladder.cost)
+        yield from work.take(ladder.look_between(goals), ladder.look_cost)
         homes.append([ladder.homes[goal] for goal in goals])
         used_homes.update(homes[-1])
     return homes, edited
 
 
 def _linked(
-    homes: list, feet: list, earlier: bpy.types.Collection | None, before: set
+    homes: list, feet: list, earlier: bpy.types.Collection | None, before: frozenset[int]
 ) -> tuple[bpy.types.Collection, list]:
     """Link the groups' collections into those of the LODs; remove the earlier ones.
 
@@ -276,7 +299,9 @@ def _linked(
         for k, level in enumerate(levels):
             home = own[min(k, len(own) - 1)]
             home.instance_offset = offset
-            for other in earlier.children if earlier is not None and home in before else ():
+            for other in (
+                earlier.children if earlier is not None and home.session_uid in before else ()
+            ):
                 if home.name in other.children:
                     other.children.unlink(home)
             level.children.link(home)
@@ -285,17 +310,16 @@ def _linked(
     return top, levels
 
 
-def _named(names: list[str], homes: list, before: set) -> None:
+def _named(names: list[str], homes: list, before: frozenset[int]) -> None:
     """Mark what was not there `before` as this add-on's, and name it.
 
     names: of the groups; homes: their collections, by group, then LOD.
     """
-    for block in bpy.data.user_map():
-        if block not in before:
-            block[OWNED] = True
-            # The name is free again, now that the earlier LODs are gone. If another data-block has
-            # it, that one keeps it.
-            block.rename(re.sub(r"\.\d+$", "", block.name), mode="NEVER")
+    for block in made_since(before):
+        block[OWNED] = True
+        # The name is free again, now that the earlier LODs are gone. If another data-block has it,
+        # that one keeps it.
+        block.rename(re.sub(r"\.\d+$", "", block.name), mode="NEVER")
     for g, (name, own) in enumerate(zip(names, homes, strict=True)):
         for k, home in enumerate(own):
             home.rename(f"{g:03d} {name} LOD {k}", mode="NEVER")

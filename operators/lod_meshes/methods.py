@@ -1,22 +1,23 @@
 """The two methods of making a LOD's mesh, and the choice by measured error."""
 
 import time as clock
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import bpy
 import numpy as np
 
-from ...crowd_lod.progress import steps_aside
+from ...crowd_lod.progress import aside, breath, steps_aside
 from ...crowd_lod.simplification.closest_point import barycentric
 from ...crowd_lod.simplification.decimate import decimating
 from ..blender import mesh_data
 from .attribute_transfer import dress, nearest_vertices, shade, weights_of
 from .mesh_repair import drop_loose
 from .shaded_pictures import similarity
-from .source_mesh import Source, evaluated_mesh, read_weights, staged
+from .source_mesh import Source, evaluated_mesh, reading_weights, staged
 from .surface import Surface, roughly, scattered
-from .uv_charts import charts_of
+from .uv_charts import charting
 
 # points of each surface at which the two methods are compared, at rest and in each pose
 COMPARED = 4_000
@@ -68,7 +69,8 @@ def make(source: Source, ratio: float, method: str, name: str) -> Generator[None
             mesh, source.weights, "WHOLE", f"It keeps all of its {len(triangles):,} triangles.", 0.0
         )
     if method == "DECIMATE":
-        precise = _precise(source, ratio, name, "The method Decimate Modifier was chosen.")
+        reason = "The method Decimate Modifier was chosen."
+        precise = yield from _precise(source, ratio, name, reason)
         return (
             precise
             if precise.mesh.polygons
@@ -84,7 +86,7 @@ def make(source: Source, ratio: float, method: str, name: str) -> Generator[None
         )
         return fast
     yield
-    precise = _precise(source, ratio, name, "")
+    precise = yield from _precise(source, ratio, name, "")
     if not precise.mesh.polygons:
         fast.why = _without(precise)
         return fast
@@ -100,10 +102,10 @@ def _better(source: Source, fast: Made, precise: Made, target: int) -> Generator
     fast_errors = yield from errors(source, fast.mesh)
     precise_errors = yield from errors(source, precise.mesh)
     if fast_errors.as_near_as(precise_errors):  # pictures take a while: only where they decide
-        fast_errors, precise_errors = (
-            replace(measured, similar=similarity(source, way.mesh))
-            for measured, way in ((fast_errors, fast), (precise_errors, precise))
-        )
+        fast_similar = yield from similarity(source, fast.mesh)
+        precise_similar = yield from similarity(source, precise.mesh)
+        fast_errors = replace(fast_errors, similar=fast_similar)
+        precise_errors = replace(precise_errors, similar=precise_similar)
     is_fast_better, reason = choose_method(fast_errors, precise_errors)
     better, worse = (fast, precise) if is_fast_better else (precise, fast)
     where = " in motion" if fast_errors.motion else ""
@@ -192,7 +194,9 @@ def _fast(source: Source, ratio: float, name: str, why: str) -> Generator[None, 
     Yields between its steps and returns the Made.
     """
     start = clock.perf_counter()
-    about = charts_of(source).seams, source.telling, source.share, source.weight
+    charts = yield from charting(source)
+    telling = yield from aside(lambda: source.telling)
+    about = charts.seams, telling, source.share, source.weight
     decimation = decimating(source.geometry[:2], ratio, source.item.name, *about)
     result = yield from steps_aside(decimation)
     spent = clock.perf_counter() - start
@@ -200,12 +204,16 @@ def _fast(source: Source, ratio: float, name: str, why: str) -> Generator[None, 
     start = clock.perf_counter()
     mesh = yield from dress(name, result, source)
     mesh.validate()
+    yield
     weights = weights_of(result, source)
     return Made(mesh, weights, "POSE_AWARE", why, 1000 * (spent + clock.perf_counter() - start))
 
 
-def _precise(source: Source, ratio: float, name: str, why: str) -> Made:
-    """Make the mesh by Blender's Decimate modifier, which keeps the layers itself."""
+def _precise(source: Source, ratio: float, name: str, why: str) -> Generator[None, None, Made]:
+    """Make the mesh by Blender's Decimate modifier, which keeps the layers itself.
+
+    Yields between its steps and returns the Made.
+    """
     start = clock.perf_counter()
     item = bpy.data.objects.new(name, source.mesh)
     try:
@@ -216,12 +224,14 @@ def _precise(source: Source, ratio: float, name: str, why: str) -> Made:
             mesh = evaluated_mesh(item, depsgraph)
     finally:
         bpy.data.objects.remove(item)
+    yield
     mesh.name = name
     mesh.validate()  # a closed part may have become two triangles on each other
     drop_loose(mesh)
     if mesh.polygons:
-        shade(mesh, source)
-    return Made(mesh, read_weights(mesh), "DECIMATE", why, 1000 * (clock.perf_counter() - start))
+        yield from shade(mesh, source)
+    weights = yield from reading_weights(mesh)
+    return Made(mesh, weights, "DECIMATE", why, 1000 * (clock.perf_counter() - start))
 
 
 def _without(precise: Made) -> str:
@@ -241,20 +251,9 @@ def errors(source: Source, mesh: bpy.types.Mesh) -> Generator[None, None, Errors
     points, triangles, corners, _ = mesh_data.read_triangles(mesh)
     diagonal = float(np.linalg.norm(np.ptp(source.surface.points, axis=0))) or 1.0
     lod_surface = Surface(points, triangles)
-    rest = roughly(source.surface, lod_surface, COMPARED)
-    motion = 0.0
-    follows = nearest_vertices(source, points) if source.posed else None
-    for pose, surface in enumerate(source.posed):
-        yield
-        motion = max(
-            motion,
-            roughly(
-                surface, Surface(source.skin.at(pose, points.T, follows).T, triangles), IN_MOTION
-            ),
-        )
-    yield
-    off = uv_error(source, mesh, lod_surface, corners)
-    yield
+    rest = yield from aside(lambda: roughly(source.surface, lod_surface, COMPARED))
+    motion = yield from aside(lambda: _off_in_motion(source, lod_surface))
+    off = yield from aside(partial(uv_error, source, _maps_of(source, mesh), lod_surface, corners))
     return Errors(
         rest / diagonal,
         off,
@@ -263,13 +262,35 @@ def errors(source: Source, mesh: bpy.types.Mesh) -> Generator[None, None, Errors
     )
 
 
-def uv_error(source: Source, mesh: bpy.types.Mesh, surface: Surface, corners: np.ndarray) -> float:
+def _off_in_motion(source: Source, surface: Surface) -> float:
+    """Return how far a LOD's surface is from the source in the poses at most, in meters, about."""
+    motion = 0.0
+    follows = nearest_vertices(source, surface.points) if source.posed else None
+    for pose, posed in enumerate(source.posed):
+        breath()
+        points = source.skin.at(pose, surface.points.T, follows).T
+        motion = max(motion, roughly(posed, Surface(points, surface.triangles), IN_MOTION))
+    return motion
+
+
+def _maps_of(source: Source, mesh: bpy.types.Mesh) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return for each UV map of a LOD's mesh its UVs, and the source's, see `_uvs`."""
+    layers = source.mesh.uv_layers
+    return [(_uvs(layer), _uvs(layers[layer.name])) for layer in mesh.uv_layers]
+
+
+def uv_error(
+    source: Source,
+    maps: Sequence[tuple[np.ndarray, np.ndarray]],
+    surface: Surface,
+    corners: np.ndarray,
+) -> float:
     """The largest part, over the UV maps, of the surface whose UVs are off.
 
-    Off by more than UV_OFF from those of the nearest point of the source. surface: the mesh's;
-    corners: (m, 3), of its triangles.
+    Off by more than UV_OFF from those of the nearest point of the source. maps: UVs (loops, 2) of
+    the LOD and of the source; surface: the LOD's; corners: (m, 3), of its triangles.
     """
-    if not mesh.uv_layers or not surface.area.any():
+    if not maps or not surface.area.any():
         return 0.0
     face, mine = scattered(surface.area, COMPARED)
     at, hit, _ = source.surface.nearest(surface.at(face, mine))
@@ -279,10 +300,9 @@ def uv_error(source: Source, mesh: bpy.types.Mesh, surface: Surface, corners: np
         at.T, *(source.geometry[0][there[:, i]].astype(np.float64).T for i in range(3))
     ).T.clip(0, 1)
     worst = 0.0
-    for layer in mesh.uv_layers:
-        one, other = (_uvs(m.uv_layers[layer.name]) for m in (mesh, source.mesh))
-        gap = np.einsum("nk,nkd->nd", mine, one[corners[face]]) - np.einsum(
-            "nk,nkd->nd", theirs, other[there_corners]
+    for uvs, source_uvs in maps:
+        gap = np.einsum("nk,nkd->nd", mine, uvs[corners[face]]) - np.einsum(
+            "nk,nkd->nd", theirs, source_uvs[there_corners]
         )
         worst = max(worst, float((np.linalg.norm(gap, axis=1) > UV_OFF).mean()))
     return worst

@@ -1,15 +1,18 @@
 """The poses of a character's actions at which its LODs are measured."""
 
-from collections.abc import Sequence
+import time as clock
+from collections.abc import Generator, Mapping, Sequence
+from functools import partial
 
 import bpy
 import numpy as np
 
-from ..blender import cleanup, mesh_data
+from ...crowd_lod.progress import aside
+from ..blender import mesh_data
 from ..blender.animation import armatures_of
 from ..blender.named_actions import own_performance
 from ..blender.performance import Performance
-from .source_mesh import positions, read_weights
+from .source_mesh import Weights, positions, reading_weights
 
 # poses spread evenly over the action, its ends included; and all, with those least like any before
 EVENLY = 4
@@ -18,12 +21,15 @@ POSES = 12
 AXES = np.array([(0, 0, 0, 1), (1, 0, 0, 1), (0, 1, 0, 1), (0, 0, 1, 1)], np.float64).T
 LOOKED_AT = 3_000  # frames of an action whose joints are compared, at most
 CARRIED = 0.1  # weight from which on a bone carries a vertex
+TICK = 0.02  # seconds of looking at joints at a time
 
 
-def poses(
+def choose_poses(
     objects: Sequence[bpy.types.Object], performance: Performance | None = None
-) -> list[float]:
-    """Return the moments of the performance at which LODs of a character are measured.
+) -> Generator[None, None, list[float]]:
+    """Choose the moments of the performance at which LODs of a character are measured.
+
+    Yields between steps and returns the moments.
 
     performance: what it plays; its own action if None.
 
@@ -42,9 +48,10 @@ def poses(
         if end - begin <= most:
             frames += range(begin, end)
             continue
-        motions = motions or _motions(objects, times, performance)
+        motions = motions or (yield from _motions(objects, times, performance))
         evenly = begin + np.linspace(0, end - begin - 1, even).round().astype(int)
-        frames += _least_alike(motions, (begin, end), frames, evenly.tolist(), most)
+        choosing = partial(_least_alike, motions, (begin, end), frames, evenly.tolist(), most)
+        frames += yield from aside(choosing)
     return times[sorted(frames)].tolist()
 
 
@@ -87,8 +94,10 @@ def farthest_apart(joints: np.ndarray, pose: np.ndarray) -> np.ndarray:
 
 def _motions(
     objects: Sequence[bpy.types.Object], times: np.ndarray, performance: Performance
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return where a character's joints are at `times`, and how they are bent, (times, n, 3) each.
+) -> Generator[None, None, tuple[np.ndarray, np.ndarray]]:
+    """Read where a character's joints are at `times`, and how they are bent.
+
+    Yields between steps and returns (times, n, 3) of each.
 
     times: moments of the performance.
 
@@ -98,17 +107,22 @@ def _motions(
     """
     places = []
     bends = []
-    with cleanup.scratch(), performance:
-        stage = bpy.data.scenes.new("Crowd LOD poses")
-        rigs = armatures_of(objects)
-        items = [item.copy() for item in objects]
+    items = [item.copy() for item in objects]
+    rigs = armatures_of(objects)
+    stage = bpy.data.scenes.new("Crowd LOD poses")
+    try:
         for item in (*rigs, *items):
             stage.collection.objects.link(item)
         reaches = [mesh_data.key_reaches(item) for item in items]
         for item in items:
             item.hide_viewport = False
             item.modifiers.clear()  # from here on only its place matters
-        bones = [_Bones(rig, items) for rig in rigs]
+        weights = {}
+        for item in items:
+            if item.type == "MESH" and item.vertex_groups:
+                weights[item] = yield from reading_weights(item.data)
+        bones = [_Bones(rig, weights) for rig in rigs]
+        until = clock.monotonic() + TICK
         for time in times.tolist():
             performance.go_to(stage, time)
             depsgraph = stage.view_layers[0].depsgraph
@@ -127,6 +141,13 @@ def _motions(
             keyed = np.outer(values * np.concatenate([[], *reaches]), (1.0, 0.0, 0.0))
             places.append(np.concatenate([joints - joints.mean(axis=0), keyed]))
             bends.append(np.concatenate(bent))
+            if clock.monotonic() >= until:
+                performance.rest()
+                yield
+                until = clock.monotonic() + TICK
+    finally:
+        performance.rest()
+        bpy.data.batch_remove([stage, *items])
     return np.array(places), np.array(bends)
 
 
@@ -137,7 +158,7 @@ class _Bones:
     length, if it carries none; in the armature's space.
     """
 
-    def __init__(self, rig: bpy.types.Object, items: Sequence[bpy.types.Object]):
+    def __init__(self, rig: bpy.types.Object, weights: Mapping[bpy.types.Object, Weights]):
         self.rig = rig
         names = {bone.name: number for number, bone in enumerate(rig.data.bones)}
         self.parent = np.array(
@@ -145,11 +166,8 @@ class _Bones:
         )
         heads = np.array([bone.head_local for bone in rig.data.bones], np.float64).reshape(-1, 3)
         reach = np.zeros(len(names))
-        for item in items:
-            if item.type != "MESH" or not item.vertex_groups:
-                continue
+        for item, (vertex, group, weight) in weights.items():
             number = np.array([names.get(group.name, -1) for group in item.vertex_groups])
-            vertex, group, weight = read_weights(item.data)
             carried = (weight >= CARRIED) & (number[group] >= 0)
             vertex = vertex[carried]
             bone = number[group[carried]]

@@ -7,6 +7,7 @@ together.
 
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import bpy
@@ -20,6 +21,8 @@ from .level_objects import discard
 from .methods import LEAST
 from .source_mesh import Source
 
+LEFT = 0.15  # part of a search that is left after the first measurement of the whole, on average
+FITTED = 0.65  # part of a try of a length after which the whole is measured
 ROUNDS = 5  # tries of a length, at most, before the whole is measured
 MOST_MEASURED = 4  # times that the whole is measured, at most
 # Where no LOD fits, the last try aims at the estimated deviation divided by this.
@@ -238,16 +241,17 @@ class Search:
         before: list[list[Try]] = []
         yield from self._leave_out(length / USUAL)
         for k in range(MOST_MEASURED):
-            begin = k / MOST_MEASURED
-            end = (k + 1) / MOST_MEASURED
+            begin = 1 - LEFT**k
+            end = 1 - LEFT ** (k + 1)
             aim = length / (USUAL * (SAFE if k + 1 == MOST_MEASURED else 1.0))
-            yield from share(self._fit(aim, about), begin, 0.3 * begin + 0.7 * end)
+            measuring = begin + FITTED * (end - begin)
+            yield from share(self._fit(aim, about), begin, measuring)
             objects = self._best(aim)
             if objects in before:
                 continue
             before.append(objects)
             steps = self._measure(objects, length)
-            measured = yield from share(steps, 0.3 * begin + 0.7 * end, end)
+            measured = yield from share(steps, measuring, end)
             if measured[1] <= length:
                 break
             yield from standing(self._learn(objects, aim, measured[1] / USUAL), end)
@@ -286,10 +290,10 @@ class Search:
         if any(attempt.poses < len(self.by.frames) for attempt in objects):
             estimate = yield from self.by.estimate([attempt.item for attempt in objects], aim)
             for number, attempt in enumerate(objects):
-                self._note(number, attempt, estimate)
+                yield from self._note(number, attempt, estimate)
             missed = [int(np.argmax(estimate.deviations))]
         else:
-            around = self.by.worst_vertices()
+            around = yield from aside(self.by.worst_vertices)
             missed = [number for number, vertices in enumerate(around) if len(vertices)]
             for number in missed:
                 if self.curves[number].count:
@@ -331,7 +335,7 @@ class Search:
                 estimate = yield from standing(steps, k / ROUNDS)
                 for index, (new, curve) in enumerate(zip(attempts, self.curves, strict=True)):
                     for attempt in new:
-                        self._note(index, attempt, estimate)
+                        yield from standing(self._note(index, attempt, estimate), k / ROUNDS)
                         if not curve.dispensable:
                             curve.known_tries[attempt.method].append(attempt)
             if not any(plans):
@@ -363,7 +367,7 @@ class Search:
         estimate = yield from self.by.estimate([attempt.item for attempt in objects], length)
         for number, (attempt, curve) in enumerate(zip(objects, self.curves, strict=True)):
             if curve.dispensable:
-                self._note(number, attempt, estimate)
+                yield from self._note(number, attempt, estimate)
         return self._mend_left_out(length)
 
     def _mend_left_out(self, length: float) -> bool:
@@ -396,8 +400,11 @@ class Search:
             curve.bring_back()
         return True
 
-    def _note(self, number: int, attempt: Try, estimate: Estimate) -> None:
-        """Note what was estimated of the try of an object, and of each vertex of its source."""
+    def _note(self, number: int, attempt: Try, estimate: Estimate) -> Iterator[float]:
+        """Note what was estimated of the try of an object, and of each vertex of its source.
+
+        Yields between steps.
+        """
         curve = self.curves[number]
         attempt.poses = len(self.by.frames)
         attempt.deviation = estimate.deviations[number]
@@ -405,9 +412,8 @@ class Search:
             return
         if curve.evaluated is None:
             source = curve.source
-            curve.evaluated = self.by.vertices_at(
-                number, source.skin.place[0] if source.skin else source.geometry[0]
-            )
+            points = source.skin.place[0] if source.skin else source.geometry[0]
+            curve.evaluated = yield from aside(partial(self.by.vertices_at, number, points))
         attempt.away = estimate.away[number][curve.evaluated]
 
     def _try(

@@ -1,7 +1,8 @@
 """Choice of LODs by tolerance: candidates, and distances of agents in the shot."""
 
 from collections.abc import Collection, Generator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import inf
 from typing import NamedTuple
 
 import bpy
@@ -13,7 +14,9 @@ from ...crowd_lod.culling.radar import radar
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame_range import spread_evenly
 from ...crowd_lod.levels.assignment import LevelPolicy
+from ...crowd_lod.levels.budget_fit import Budget, BudgetSearch
 from ...crowd_lod.levels.selection import (
+    STEPS,
     GroupShot,
     View,
     cheapest,
@@ -22,9 +25,10 @@ from ...crowd_lod.levels.selection import (
     fit_in_memory,
     priced,
 )
+from ...crowd_lod.progress import standing
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_data
-from ..blender.cameras import cameras_at
+from ..blender.cameras import reading_cameras
 from ..blender.machine_costs import costs_of
 from ..blender.named_actions import own_performance
 from ..characters.characters import check_measured
@@ -32,8 +36,10 @@ from ..characters.holdings import holdings_of
 from ..characters.rig_needs import Characters
 from ..machine.scene_world import bias_of
 from ..scene.scene_crowd import characters_of
+from ..settings.budgets import limits_levels
 
 MOST_FRAMES = 9  # of the shot, evenly, that are looked at
+MOST_FOR_BUDGET = 120  # of the same, where each frame has to hold a budget
 
 
 def ratios_of(settings) -> list[float]:
@@ -60,13 +66,15 @@ def views(
     """Find where the shot of `scene` has agents: yield the progress, return the Shots.
 
     settings: of the crowd that `trajectory` is. There is one GroupShot for each group, from up to
-    MOST_FRAMES of the shot's frames. A group that no frame shows counts as anywhere within the
-    camera's clip range.
+    MOST_FRAMES of the shot's frames, with a budget MOST_FOR_BUDGET. A group that no frame shows
+    counts as anywhere within the camera's clip range.
     """
-    frames = scene_data.frames_of(scene, settings.step)
-    looked_at = spread_evenly(frames, MOST_FRAMES)
+    if limits_levels(settings):
+        looked_at = spread_evenly(scene_data.frames_of(scene), MOST_FOR_BUDGET)
+    else:
+        looked_at = spread_evenly(scene_data.frames_of(scene, settings.step), MOST_FRAMES)
     bias = bias_of(settings)
-    cameras = cameras_at(scene, looked_at)
+    cameras = yield from standing(reading_cameras(scene, looked_at), 0.0)
     center, radius = (
         np.array([getattr(group, name) for group in trajectory.groups])
         for name in ("center", "radius")
@@ -74,7 +82,7 @@ def views(
     characters = characters_of(scene)
     gaits = trajectory.gaits
     library = cast_of(characters, trajectory)
-    cast = holdings_of(characters, trajectory, library)
+    cast = yield from standing(holdings_of(characters, trajectory, library), 0.0)
     first = library.first(gaits)
     moving = library.owner(gaits)[np.unique(cast.moved_as)]
     # the part of a group's characters with rigs: those of variants count where they are made
@@ -92,8 +100,9 @@ def views(
                 pose = (
                     library.character_of(gaits, crowd, trajectory.seconds(frame), agents) - first[g]
                 )
-                view = View(eyes[0], float(away.min()), float(away.max()), away, pose)
-                group_views.append(view)
+                nearest = float(away.min())
+                view = View(eyes[0], nearest, float(away.max()), away, pose, frame=frame)
+                group_views.append(view.counted() if len(looked_at) > MOST_FRAMES else view)
         yield number / len(looked_at)
     costs = costs_of(scene)
     anywhere = [View(eyes[0], eyes[0].near, eyes[0].far) for eyes in cameras]
@@ -128,11 +137,13 @@ def cast_of(characters: Characters, trajectory: Trajectory) -> Library:
 class Limits(NamedTuple):
     """What the choice keeps within: the settings of these names, as they are now.
 
-    tolerance: pixels; memory: MB, 0 for no limit.
+    tolerance: pixels; memory: MB, 0 for no limit; budget: of each frame, its triangles and agents
+    at LOD 0.
     """
 
     tolerance: float
-    memory: float
+    memory: float = 0.0
+    budget: Budget = Budget()
 
 
 @dataclass(frozen=True)
@@ -143,12 +154,20 @@ class Choice:
     dropped: for each group, a sentence for each dropped candidate that says why.
     finest: for each group, the finest LOD that builds have, as an index into its `keep`.
     tolerance: pixels, raised until LODs fit in memory; 0 where the limit of memory changes nothing.
+    budget_tolerance: pixels that LODs must be allowed so that each frame holds the budget; 0 where
+        the budget changes nothing.
     """
 
     keep: list[list[int]]
     dropped: list[dict[int, str]]
     finest: list[int]
     tolerance: float = 0.0
+    budget_tolerance: float = 0.0
+
+    @property
+    def built(self) -> list[list[int]]:
+        """For each group, the candidates that builds have."""
+        return [kept[first:] for kept, first in zip(self.keep, self.finest, strict=True)]
 
 
 def choose_candidates(
@@ -167,9 +186,41 @@ def choose_candidates(
     measured: for each group, the candidates whose values are no guesses.
     given: for each group, the candidates that artists made, which go before others.
 
-    With a limit of memory, and candidates beyond it, the tolerance is raised until they fit.
-    CrowdError if no tolerance is enough.
+    With a limit of memory or a budget, and candidates beyond it, the tolerance is raised until they
+    fit. CrowdError if no tolerance is enough.
     """
+    choice = _choose_by_tolerance(limits, groups, shots, meters, measured, given)
+    known_shots = [shot for shot in shots if shot is not None]
+    if not known_shots or replace(limits.budget, memory=inf) == Budget():
+        return choice
+    views_of = [shot.views for shot in known_shots]
+    search = BudgetSearch(groups, views_of, limits.budget, measured, given)
+    keep, reached = search.fit(choice.keep, max(round(limits.tolerance, 6), choice.tolerance))
+    if keep == choice.keep:
+        return choice
+    raised = reached if reached > limits.tolerance else 0.0
+    if not limits.memory:
+        return replace(choice, keep=keep, dropped=[{}] * len(groups), budget_tolerance=raised)
+    for step in range(STEPS):
+        wider = replace(limits, tolerance=reached * 2 ** (step / 4))
+        choice = _choose_by_tolerance(wider, groups, shots, meters, measured, given)
+        allowed = max(wider.tolerance, choice.tolerance)
+        if search.hold(choice.built, allowed):
+            return replace(choice, tolerance=allowed, budget_tolerance=allowed)
+    raise CrowdError(
+        "No LODs hold both the budget and Memory for Characters: raise one of them, or set it to 0."
+    )
+
+
+def _choose_by_tolerance(
+    limits: Limits,
+    groups: Sequence[Group],
+    shots: Sequence[GroupShot | None],
+    meters: float,
+    measured: Sequence[Collection[int]],
+    given: Sequence[Collection[int]],
+) -> Choice:
+    """Choose the candidates to keep by tolerance and memory; as choose_candidates."""
     tolerance = round(limits.tolerance, 6)
     keep = []
     dropped = []

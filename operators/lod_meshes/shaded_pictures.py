@@ -1,11 +1,12 @@
 """Shaded comparison of LODs: read normals, colors and images, compare pictures."""
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 
 import bpy
 import numpy as np
 
 from ...crowd_lod.culling.camera import Camera
+from ...crowd_lod.progress import aside
 from ...crowd_lod.validation.shaded_pictures import (
     HALVINGS,
     LARGEST,
@@ -165,19 +166,25 @@ def alike(
     return float(difference), float(similarity)
 
 
-def similarity(source: Source, mesh: bpy.types.Mesh) -> float:
-    """Return the structural similarity of a LOD's mesh to its source at rest.
+def similarity(source: Source, mesh: bpy.types.Mesh) -> Generator[float, None, float]:
+    """Find the structural similarity of a LOD's mesh to its source at rest.
 
-    It is the mean over the three VIEWS, with the source TALL pixels large.
+    It is the mean over the three VIEWS, with the source TALL pixels large. Yields between steps.
     """
     if source.body is None:
         appearance = Looks()
         source.body = body_of(source.mesh, source.mesh.materials, np.eye(4), appearance), appearance
     whole, appearance = source.body
     other = body_of(mesh, mesh.materials, np.eye(4), appearance)
+    images = appearance.images()
+    return (yield from aside(lambda: _similarity_of(whole, other, images)))
+
+
+def _similarity_of(whole: Body, other: Body, images: np.ndarray) -> float:
+    """Return the mean structural similarity of two bodies' pictures; images: of both."""
     scale = TALL / (float(np.ptp(whole.points, axis=0).max()) or 1.0)
     measures = []
     for axes in VIEWS:
         flat = [body.points @ axes.T * (scale, scale, -scale) for body in (whole, other)]
-        measures.append(likeness(*pictures((whole, other), appearance.images(), flat, axes))[1])
+        measures.append(likeness(*pictures((whole, other), images, flat, axes))[1])
     return float(np.mean(measures))

@@ -1,7 +1,7 @@
 """Source meshes of LODs: a character's objects at rest, with modifiers applied."""
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -11,6 +11,7 @@ import numpy as np
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
+from ...crowd_lod.progress import finished
 from ...crowd_lod.simplification.pose_deformation import Skin
 from ..blender import mesh_data
 from ..blender.animation import armatures_of, curves_of
@@ -36,6 +37,9 @@ DEFORMERS = {
 # in the finished LOD.
 NORMALS = "crowd_lod_normals"
 KEY = "crowd_lod_key_"
+AT_ONCE = 4_000  # vertices whose weights are read at a time: some 30 ms
+
+Weights = tuple[np.ndarray, np.ndarray, np.ndarray]  # see reading_weights
 
 
 @dataclass
@@ -94,7 +98,7 @@ class Source:
         return offset_of(self.mesh, key)
 
     @cached_property
-    def weights(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def weights(self) -> Weights:
         return read_weights(self.mesh)
 
 
@@ -357,29 +361,38 @@ def read_attributes(mesh: bpy.types.Mesh) -> dict[str, tuple[str, str, np.ndarra
     return attributes
 
 
-def read_weights(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return all vertex weights, ordered by vertex.
+def read_weights(mesh: bpy.types.Mesh) -> Weights:
+    """Read all weights at once; see `reading_weights`."""
+    return finished(reading_weights(mesh))
+
+
+def reading_weights(mesh: bpy.types.Mesh) -> Generator[None, None, Weights]:
+    """Read all vertex weights; yields between the steps, and returns them ordered by vertex.
 
     vertex: (k,) intp.
     group: (k,) intp, index of the vertex group.
     weight: (k,) float64.
     """
-    table = [
-        (vertex.index, entry.group, entry.weight)
-        for vertex in mesh.vertices
-        for entry in vertex.groups
-    ]
+    table = []
+    for begin in range(0, len(mesh.vertices), AT_ONCE):
+        table += [
+            (vertex.index, entry.group, entry.weight)
+            for vertex in mesh.vertices[begin : begin + AT_ONCE]
+            for entry in vertex.groups
+        ]
+        yield
     vertex, group, weight = np.array(table, np.float64).reshape(-1, 3).T
     return vertex.astype(np.intp), group.astype(np.intp), weight
 
 
-def digest(mesh: bpy.types.Mesh, *more) -> str:
+def digest(mesh: bpy.types.Mesh, weights: Weights, *more) -> str:
     """Return a hash of the mesh and of `more`.
 
     It covers shape, attributes, vertex weights and names of materials.
+
+    weights: of the mesh, as `read_weights` gives them.
     """
     points, triangles, _, faces = mesh_data.read_triangles(mesh)
-    weights = read_weights(mesh)
     attributes = read_attributes(mesh)
     names = [material and material.name_full for material in mesh.materials]
     hashed = hashlib.sha256(
@@ -414,4 +427,4 @@ def object_digest(item: bpy.types.Object, source: Source) -> str:
         [layer.active_render for layer in source.mesh.uv_layers],
         source.mesh.attributes.default_color_name,
     )
-    return digest(source.mesh, stance(item), appearance, active, source.groups)
+    return digest(source.mesh, source.weights, stance(item), appearance, active, source.groups)

@@ -6,6 +6,7 @@ a bend of a joint that no measured pose has.
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -189,7 +190,7 @@ class Looked:
         row: what is known of it. Returns the same, with a greater bound if a moment exceeds that;
         None if there is no such place. Yields between steps.
         """
-        exceeding = self._exceeding(beyond)
+        exceeding = yield from self._exceeding(beyond)
         if not exceeding:
             return None
         self.measured += [moment for moment, _ in exceeding]
@@ -206,8 +207,13 @@ class Looked:
             worst = exceeding[apart.pose][0]
         return deviation, max(bound, apart.bound), rms, worst
 
-    def _exceeding(self, beyond: float) -> list[tuple[float, tuple[np.ndarray, np.ndarray]]]:
-        """Return moments that are not alike, and where the points of both surfaces are in these."""
+    def _exceeding(
+        self, beyond: float
+    ) -> Generator[float, None, list[tuple[float, tuple[np.ndarray, np.ndarray]]]]:
+        """Find moments that are not alike, in which a watched place is farther than `beyond`.
+
+        Yields between steps and returns them, with where the points of both surfaces are then.
+        """
         whole = [surface.surface(surface.runs[0]) for surface in self.surfaces]
         exceeding = []
         left = self.off.copy()
@@ -218,8 +224,14 @@ class Looked:
             points = self.posed.points(moment)
             self.posed.performance.rest()
             moved_pair = points[0], points[1 + self.number]
-            ways = zip(self.watched, (moved_pair, moved_pair[::-1]), whole[::-1], strict=True)
-            if any(watched.look_closer(*pair, other, beyond) for watched, pair, other in ways):
+            if (yield from aside(partial(self._is_beyond, moved_pair, whole, beyond))):
                 exceeding.append((moment, moved_pair))
                 left[np.abs(self.moments - moment) < ALIKE_WITHIN] = 0.0
         return exceeding
+
+    def _is_beyond(
+        self, moved_pair: tuple[np.ndarray, np.ndarray], whole: list[Merged], beyond: float
+    ) -> bool:
+        """Return whether a watched place of either surface is farther than `beyond` meters."""
+        ways = zip(self.watched, (moved_pair, moved_pair[::-1]), whole[::-1], strict=True)
+        return any(watched.look_closer(*pair, other, beyond) for watched, pair, other in ways)

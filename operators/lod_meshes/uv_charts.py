@@ -1,10 +1,12 @@
 """UV charts of a source mesh: its islands of UVs, and where points lie on them."""
 
+from collections.abc import Generator
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...crowd_lod.connected_components import connected_components
+from ...crowd_lod.progress import aside, finished
 from ...crowd_lod.simplification.closest_point import barycentric
 from ...crowd_lod.simplification.decimate import LodMesh
 from .source_mesh import Source
@@ -38,33 +40,45 @@ class Charts:
 
 
 def charts_of(source: Source) -> Charts:
-    """The charts of the source, kept with it.
+    """Return the charts of the source, which `charting` has found or finds now."""
+    return source.charts or finished(charting(source))
+
+
+def charting(source: Source) -> Generator[float, None, Charts]:
+    """Find the charts of the source, unless that is done; yield between steps, return them.
 
     Triangles that share a vertex with the same UVs, in all UV maps, are of one chart.
     """
     if source.charts is None:
         _, triangles, corners, faces = source.geometry
-        columns = [triangles.reshape(-1, 1).astype(np.int64)]
+        maps = []
         for layer in source.mesh.uv_layers:
             uvs = np.empty((len(source.mesh.loops), 2), np.float32)
             layer.uv.foreach_get("vector", uvs.ravel())
-            columns.append(
-                np.rint(uvs[corners].reshape(-1, 2).astype(np.float64) * 1e5).astype(np.int64)
-            )
-        ids = unique_rows(np.concatenate(columns, axis=1)).reshape(-1, 3)
+            maps.append(uvs[corners])
         shading = np.empty((2, len(source.mesh.polygons)), np.int32)
         source.mesh.polygons.foreach_get("material_index", shading[0])
         source.mesh.polygons.foreach_get("use_smooth", shading[1])
-        shaded_ids = np.column_stack([ids.ravel(), *shading[:, faces].repeat(3, axis=1)])
-        _, label = np.unique(
-            connected_components(ids.max() + 1, ids)[ids[:, 0]], return_inverse=True
-        )
-        order = np.argsort(label, kind="stable")
-        members = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
-        pairs = np.unique(np.stack([triangles.ravel(), label.repeat(3)], axis=1), axis=0)
-        seams = _seams(triangles, unique_rows(shaded_ids).reshape(-1, 3))
-        source.charts = Charts(label, members, {}, *pairs.T, seams)
+        source.charts = yield from aside(lambda: _charts(triangles, maps, shading[:, faces]))
     return source.charts
+
+
+def _charts(triangles: np.ndarray, maps: list[np.ndarray], shading: np.ndarray) -> Charts:
+    """Return the charts of triangles (m, 3).
+
+    maps: (m, 3, 2) UVs of their corners, of each UV map; shading: (2, m) material, smoothness.
+    """
+    columns = [triangles.reshape(-1, 1).astype(np.int64)]
+    for uvs in maps:
+        columns.append(np.rint(uvs.reshape(-1, 2).astype(np.float64) * 1e5).astype(np.int64))
+    ids = unique_rows(np.concatenate(columns, axis=1)).reshape(-1, 3)
+    shaded_ids = np.column_stack([ids.ravel(), *shading.repeat(3, axis=1)])
+    _, label = np.unique(connected_components(ids.max() + 1, ids)[ids[:, 0]], return_inverse=True)
+    order = np.argsort(label, kind="stable")
+    members = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
+    pairs = np.unique(np.stack([triangles.ravel(), label.repeat(3)], axis=1), axis=0)
+    seams = _seams(triangles, unique_rows(shaded_ids).reshape(-1, 3))
+    return Charts(label, members, {}, *pairs.T, seams)
 
 
 def _seams(triangles: np.ndarray, ids: np.ndarray) -> np.ndarray:

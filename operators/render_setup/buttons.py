@@ -12,6 +12,7 @@ from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.progress import Made, share, standing
 from ..blender import cleanup, frame_stepping, scene_data
 from ..blender.operator import Reporting, Stepwise
+from ..characters.cast_provenance import reading_afresh
 from ..characters.group_measuring import measure_groups
 from ..characters.stored_groups import groups_of, store_groups
 from ..lod_meshes.make_lods import make_levels
@@ -68,6 +69,7 @@ def prepared(
             hide_characters(scene)
             watch_points(scene)
             update(scene, layer.depsgraph)
+            yield from standing(reading_afresh(scene), 1.0)
             note_build(scene)
             finished = True
             return result

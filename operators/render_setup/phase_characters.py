@@ -86,11 +86,13 @@ def make_cast(
     scene: bpy.types.Scene,
     selection: Selection | None = None,
     library: GroupModels | None = None,
+    of_plan: np.ndarray | None = None,
 ) -> Generator[float, None, Cast]:
     """Make the characters that agents of `scene` may show.
 
     selection: the characters to make; None makes all of the LODs that the policy has.
     library: the result of read_library, whose blocks then belong to the Cast.
+    of_plan: what meshes_of_plan returns; without a selection, no other meshes are made.
 
     Yields the progress, 0 to 1, and returns the Cast. Closed early, it leaves nothing behind.
     """
@@ -105,7 +107,7 @@ def make_cast(
     cast.names.update(library.blocks)
     with removed_on_failure(cast.names):
         if selection is None:
-            shelves = _live_shelves(scene, library.posed)
+            shelves = _live_shelves(scene, library.posed, of_plan)
         else:
             numbers = range(Library(library.posed).first(trajectory_of(scene).gaits)[-1])
             shelves = [
@@ -126,11 +128,13 @@ def make_cast(
     return cast
 
 
-def _live_shelves(scene: bpy.types.Scene, posed: np.ndarray) -> list[Shelf]:
+def _live_shelves(
+    scene: bpy.types.Scene, posed: np.ndarray, of_plan: np.ndarray | None
+) -> list[Shelf]:
     """Return the shelves of a live build: on each all characters, or what stands in for them.
 
-    posed: of the Library. The build holds all meshes, or with a shot plan that holds those that the
-    plan's frames show; never LODs finer than the policy has.
+    posed: of the Library. The build holds all meshes, or those `of_plan`; never LODs finer than
+    the policy has.
     """
     trajectory = trajectory_of(scene)
     policy = policy_of(scene.crowd_lod)
@@ -138,22 +142,22 @@ def _live_shelves(scene: bpy.types.Scene, posed: np.ndarray) -> list[Shelf]:
     gaits = trajectory.gaits
     finest = np.array(policy.finest or [0] * len(posed))
     is_held = np.arange(policy.count)[:, None] >= finest[library.owner(gaits)]
-    shown = meshes_of_plan(scene)
-    if shown is not None:
-        is_held &= hold_shown(shown, cast_of(characters_of(scene), trajectory), library, gaits)
+    if of_plan is not None:
+        is_held &= hold_shown(of_plan, cast_of(characters_of(scene), trajectory), library, gaits)
     levels, numbers = stand_ins(is_held, library.roles(gaits)).tolist()
     return [list(enumerate(zip(*row, strict=True))) for row in zip(levels, numbers, strict=True)]
 
 
-def meshes_of_plan(scene: bpy.types.Scene) -> np.ndarray | None:
-    """Return the meshes that the frames of the scene's shot plan show, (K, L) bool.
+def meshes_of_plan(scene: bpy.types.Scene) -> Generator[float, None, np.ndarray | None]:
+    """Read which meshes the frames of the scene's shot plan show, (K, L) bool.
 
-    They are LODs of the characters that selection.cast_of numbers. None without a plan that holds.
+    They are LODs of the characters that selection.cast_of numbers. Yields the progress. Returns
+    None without a plan that holds.
     """
     settings = scene.crowd_lod
     trajectory = trajectory_of(scene)
     policy = policy_of(settings)
-    shown = planned_cast(scene, trajectory, policy, bias_of(settings))
+    shown = yield from planned_cast(scene, trajectory, policy, bias_of(settings))
     characters = int(cast_of(characters_of(scene), trajectory).first(trajectory.gaits)[-1])
     return shown if shown is not None and shown.shape == (policy.count, characters) else None
 

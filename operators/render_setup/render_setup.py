@@ -13,6 +13,7 @@ import numpy as np
 from ...crowd_lod.animation.phase_classes import Library
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import number as figure
+from ...crowd_lod.progress import share
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import provenance, scene_data, stored_values
 from ..blender.ownership import OWNED, remove_owned
@@ -144,12 +145,15 @@ def build(
     """
     check_scene(scene)
     complete = selection is None
-    cast = _current_cast(scene) if complete else None
+    cast = of_plan = None
+    if complete:
+        of_plan = yield from share(meshes_of_plan(scene), 0.0, 0.2)
+        cast = _current_cast(scene, of_plan)
     if cast is None:
-        cast = yield from make_cast(scene, selection)
+        cast = yield from share(make_cast(scene, selection, of_plan=of_plan), 0.2, 1.0)
     top = install(scene, cast)
     if complete:
-        _note_inputs(scene, top, cast)
+        _note_inputs(scene, top, cast, of_plan)
     return cast
 
 
@@ -160,9 +164,10 @@ def check_scene(scene: bpy.types.Scene) -> None:
     check_build(scene)
 
 
-def _current_cast(scene: bpy.types.Scene) -> Cast | None:
+def _current_cast(scene: bpy.types.Scene, of_plan: np.ndarray | None) -> Cast | None:
     """Return the Cast of the scene's build, without characters, or None if it is out of date.
 
+    of_plan: here and below, what meshes_of_plan returns.
     Posed meshes and scaled images are always made anew.
     """
     settings = scene.crowd_lod
@@ -171,24 +176,27 @@ def _current_cast(scene: bpy.types.Scene) -> Cast | None:
         return None
     if MADE_OF not in top or np.any(np.ravel(top.get(POSED, 1))):
         return None
-    if not provenance.is_made_of(top, MADE_OF, _inputs_of_characters(scene, top)):
+    if not provenance.is_made_of(top, MADE_OF, _inputs_of_characters(scene, top, of_plan)):
         return None
     return Cast(np.array(top[POSED], np.intp), [], notes=str(top.get(NOTES, "")).splitlines())
 
 
-def _note_inputs(scene: bpy.types.Scene, top: bpy.types.Collection, cast: Cast) -> None:
+def _note_inputs(
+    scene: bpy.types.Scene, top: bpy.types.Collection, cast: Cast, of_plan: np.ndarray | None
+) -> None:
     """Keep with the build what its characters were made of, so that they are not made again."""
-    provenance.keep(top, MADE_OF, _inputs_of_characters(scene, top))
+    provenance.keep(top, MADE_OF, _inputs_of_characters(scene, top, of_plan))
     top[NOTES] = "\n".join(cast.notes)
 
 
-def _inputs_of_characters(scene: bpy.types.Scene, top: bpy.types.Collection) -> dict[str, str]:
+def _inputs_of_characters(
+    scene: bpy.types.Scene, top: bpy.types.Collection, of_plan: np.ndarray | None
+) -> dict[str, str]:
     """Return digests, by name, of all that the characters of the build `top` depend on."""
     settings = scene.crowd_lod
     policy = policy_of(settings)
     homes = [home for level in settings.levels.children[: policy.count] for home in level.children]
     played = played_by.inputs(homes, trajectory_of(scene))
-    of_plan = meshes_of_plan(scene)
     return {
         "the LOD meshes": made_of(homes, played),
         "the shot plan": "" if of_plan is None else provenance.text_digest(of_plan.tolist()),
@@ -312,7 +320,7 @@ def dress_all(scene: bpy.types.Scene) -> None:
             continue
         modifier = _modifier_of(points)
         modifier.node_group = tree
-        for name, value in {**inputs, "Characters": shelves[level]}.items():
+        for name, value in {**inputs, "Characters": shelves[level], "LOD": level}.items():
             scene_data.set_node_input(modifier, name, value)
         points.update_tag()
 

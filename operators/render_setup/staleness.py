@@ -29,6 +29,7 @@ SETTINGS = (
     "drop_lost",
     "shadows",
     "unseen_level",
+    "occlusion",
     "tilt",
     "scale_textures",
 )
@@ -37,8 +38,7 @@ _known: dict[int, tuple[float, list[str]]] = scene_cache.add_cache({}, by_scene=
 
 
 def note_build(scene: bpy.types.Scene) -> None:
-    """Store in the scene's build what it was made for."""
-    provenance.look_afresh()
+    """Store in the scene's build what it was made for, as cast_provenance has read it afresh."""
     provenance.keep(scene.crowd_lod.build, MADE_FOR, _now(scene))
     _known.pop(scene.session_uid, None)
 
@@ -110,9 +110,9 @@ def _now(scene: bpy.types.Scene) -> dict[str, str]:
     trajectory = trajectory_of(scene)
     bias = bias_of(settings)
     inputs = plan_inputs(settings, trajectory, policy_of(settings), bias)
-    mirrors = settings.mirrors and settings.mirrors.name
+    homes = [home and home.name for home in (settings.mirrors, settings.see_through)]
     inputs |= {
-        "the settings": text_digest(mirrors, *(getattr(settings, name) for name in SETTINGS)),
+        "the settings": text_digest(homes, *(getattr(settings, name) for name in SETTINGS)),
         "the frame rate": text_digest(
             render.fps, render.fps_base, render.frame_map_old, render.frame_map_new
         ),

@@ -15,10 +15,11 @@ import bpy
 
 from ...crowd_lod.errors import FAULTS, CrowdError
 from ...crowd_lod.errors import sentence as fault_sentence
-from ...crowd_lod.progress import share
+from ...crowd_lod.progress import finished, share, standing
 from ..blender import provenance, scene_cache, scene_data, unfinished
 from ..blender.operator import Stepwise
 from ..blender.output_folders import full_path
+from ..characters.cast_provenance import reading_afresh
 from ..lod_meshes.made_for import outdated
 from ..lod_meshes.make_lods import make_levels
 from ..machine.scene_world import bias_of
@@ -28,7 +29,7 @@ from ..render_setup.render_setup import BAKED
 from ..scene.scene_crowd import policy_of, trajectory_of
 from ..scene.shot_reference import CAMERA, changes_since_plan, reference, stored_plan
 from ..settings import needs
-from ..shot.planned_cameras import have_cameras_changed, note_cameras
+from ..shot.planned_cameras import note_cameras, plans_these_cameras
 from ..shot.shot_plan import plan_of_settings, requested_of, wanted_of
 from ..sources.crowd_sources import live
 
@@ -52,14 +53,14 @@ class UpdateStep:
 
     label: as on its button.
     weight: about its part of the time.
-    find_reason: returns why the step is due, "" if it is not. Its second argument says whether
-        all frames are looked at, which steps through the scene.
+    find_reason: yields the progress, returns why the step is due, "" if it is not. Its second
+        argument says whether all frames are looked at, which steps through the scene.
     work: yields the progress, returns a sentence.
     """
 
     label: str
     weight: float
-    find_reason: Callable[[bpy.types.Scene, bool], str]
+    find_reason: Callable[[bpy.types.Scene, bool], Generator[float, None, str]]
     work: Callable[[bpy.types.Scene], Generator[float, None, str]]
 
 
@@ -68,13 +69,14 @@ def _make(scene: bpy.types.Scene) -> Generator[float, None, str]:
     return outcome.sentence
 
 
-def _reason_to_make(scene: bpy.types.Scene, thorough: bool) -> str:
+def _reason_to_make(scene: bpy.types.Scene, thorough: bool) -> Generator[float, None, str]:
+    yield 0.0
     if scene.crowd_lod.levels is None:
         return "there are no LOD meshes"
     return outdated(scene)
 
 
-def _reason_to_plan(scene: bpy.types.Scene, thorough: bool) -> str:
+def _reason_to_plan(scene: bpy.types.Scene, thorough: bool) -> Generator[float, None, str]:
     settings = scene.crowd_lod
     if not settings.shot_plan:
         # A build without a plan is one by distance, which the user chose.
@@ -83,21 +85,24 @@ def _reason_to_plan(scene: bpy.types.Scene, thorough: bool) -> str:
     if not settings.use_shot_plan or settings.levels is None:
         return ""
     try:
-        changes = _changes_of_plan(scene, thorough)
+        changes = yield from _changes_of_plan(scene, thorough)
     except CrowdError as error:  # the file is gone, or spoilt
         return str(error)
     return f"{provenance.name_inputs(changes)} changed" if changes else ""
 
 
-def _changes_of_plan(scene: bpy.types.Scene, thorough: bool) -> list[str]:
-    """Return what has changed since the scene's plan was made; CrowdError if it cannot be read."""
+def _changes_of_plan(scene: bpy.types.Scene, thorough: bool) -> Generator[float, None, list[str]]:
+    """Find what has changed since the scene's plan was made; CrowdError if it cannot be read.
+
+    Yields the progress and returns the names.
+    """
     settings = scene.crowd_lod
     stored = stored_plan(settings)
     trajectory = trajectory_of(scene)
-    changes = changes_since_plan(
+    changes = yield from changes_since_plan(
         scene, trajectory, policy_of(settings), bias_of(settings), films=thorough
     )
-    if not thorough and have_cameras_changed(scene):
+    if not thorough and not plans_these_cameras(scene):
         changes.append(CAMERA)
     if stored.numbers.tolist() != list(scene_data.frames_of(scene)):
         changes.append("the frames")
@@ -122,7 +127,8 @@ def _requested_before(settings) -> dict[str, Any]:
     return _requested[key] or requested_of(wanted_of(settings.id_data, key[0].parent, ()))
 
 
-def _reason_to_build(scene: bpy.types.Scene, thorough: bool) -> str:
+def _reason_to_build(scene: bpy.types.Scene, thorough: bool) -> Generator[float, None, str]:
+    yield 0.0
     if scene.crowd_lod.build is None:
         return "there is no build"
     changes = staleness.compare(scene)
@@ -151,10 +157,12 @@ def update_steps(scene: bpy.types.Scene, bakes: bool = False) -> tuple[UpdateSte
     )
 
 
-def _reason_to_bake(bakes: bool, scene: bpy.types.Scene, thorough: bool) -> str:
+def _reason_to_bake(
+    bakes: bool, scene: bpy.types.Scene, thorough: bool
+) -> Generator[float, None, str]:
     if bakes and not _is_bake(scene):
         return "there is no bake"
-    return _reason_to_build(scene, thorough)
+    return (yield from _reason_to_build(scene, thorough))
 
 
 def due_steps(scene: bpy.types.Scene) -> dict[str, str]:
@@ -170,7 +178,7 @@ def due_steps(scene: bpy.types.Scene) -> dict[str, str]:
         due = {}
         for step in update_steps(scene):
             with suppress(CrowdError):  # what is wrong is told elsewhere
-                if reason := step.find_reason(scene, False):
+                if reason := finished(step.find_reason(scene, False)):
                     due[step.label] = reason
         took = clock.monotonic() - now
         scene_cache.tidy()
@@ -195,22 +203,21 @@ def update_all(
     it leaves the steps that are done, and undoes the one at work. CrowdError names the step that
     failed.
     """
-    provenance.look_afresh()
+    yield from standing(reading_afresh(scene), 0.0)
     steps = update_steps(scene, bakes)
     whole = sum(step.weight for step in steps)
     begin = 0.0
     sentences: dict[str, str] = {}
     for step in steps:
         end = begin + step.weight / whole
-        yield begin
-        if step.find_reason(scene, True):
+        if (yield from standing(step.find_reason(scene, True), begin)):
             if sentences:
                 note(next(reversed(sentences)))
             try:
                 sentences[step.label] = yield from share(step.work(scene), begin, end)
             except FAULTS as fault:
                 raise CrowdError(_failed(step.label, sentences, fault)) from fault
-            provenance.look_afresh()
+            yield from standing(reading_afresh(scene), end)
         begin = end
     if scene.crowd_lod.shot_plan:
         note_cameras(scene)

@@ -67,7 +67,8 @@ def verify(
         characters_of(scene)
         left_out = never_shown(scene)
         not_proved = what_is_not_proved(scene, task)
-        proved = build_of(scene, task.frames if sharing.part is None else sharing.part)
+        frames_proved = task.frames if sharing.part is None else sharing.part
+        proved = yield from standing(build_of(scene, frames_proved), 0.0)
         left_out += unlike_renders(scene, proved)
         size = _set_up(scene, task, proved, opened)
         yield from _prepare_crowd(scene)

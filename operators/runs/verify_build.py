@@ -1,6 +1,6 @@
 """The build that a proof is of: the scene's own, else one that is made for the proof."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
 
 import bpy
@@ -11,7 +11,8 @@ from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.frame.frame_range import frames_are, shot_frames
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import mesh_data
-from ..blender.provenance import look_afresh, read_inputs
+from ..blender.provenance import read_inputs
+from ..characters.cast_provenance import reading_afresh
 from ..render_setup import bake, frame_update, render_setup, staleness
 from ..render_setup.change_detection import cameras_digest, lights_digest
 from ..render_setup.render_setup import BAKED, CAMERAS, LIGHTS, UNSEEN_BY
@@ -102,8 +103,8 @@ def columns_of_members(
     }
 
 
-def build_of(scene: bpy.types.Scene, frames: Sequence[int]) -> ProvedBuild:
-    """Return the scene's build, or that none is there yet.
+def build_of(scene: bpy.types.Scene, frames: Sequence[int]) -> Generator[float, None, ProvedBuild]:
+    """Read the scene's build, or that none is there yet: yield the progress, return it.
 
     CrowdError if it cannot follow the scene, or if a bake lacks some of the `frames`.
     """
@@ -122,7 +123,7 @@ def build_of(scene: bpy.types.Scene, frames: Sequence[int]) -> ProvedBuild:
     else:
         frame_update.update(scene, scene.view_layers[0].depsgraph)
     scene.view_layers[0].update()
-    look_afresh()
+    yield from reading_afresh(scene)
     changed = tuple(name for name in staleness.changed(scene) if name != FRAMES)
     places = layers_of(scene).values()
     hidden = top.hide_render or all(place.exclude for place in places)

@@ -2,9 +2,11 @@
 
 import json
 from contextlib import suppress
+from dataclasses import astuple
 
 import bpy
 
+from ...crowd_lod.shot.budget_points import BudgetPoint
 from ..blender.guard import handler
 from ..blender.output_folders import full_path, is_saving
 
@@ -24,7 +26,8 @@ def note_plan_file(settings) -> None:
         with suppress(OSError, ValueError, LookupError, TypeError):
             shot = json.loads(path.read_text(encoding="utf-8"))["shot"]
             verdict = str(shot["verdict"]["sentence"])
-            budgets = json.dumps(shot["budgets"])
+            points = [BudgetPoint(**point) for point in shot["possible_budgets"]]
+            budgets = json.dumps([astuple(point) for point in points])
     settings.shot_verdict = verdict
     settings.shot_budgets = budgets
 

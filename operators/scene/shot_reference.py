@@ -1,7 +1,7 @@
 """The shot plan that a scene refers to, and whether it still holds."""
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,11 +24,12 @@ from ...crowd_lod.shot.phases import Phases
 from ...crowd_lod.shot.plan_file import AGAIN, StoredPlan, read
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_cache, scene_data
-from ..blender.cameras import cameras_at
+from ..blender.cameras import reading_cameras
 from ..blender.output_folders import full_path
 from ..blender.provenance import differences, name_inputs, text_digest
 from ..characters.cast_provenance import cast_inputs
 from ..sources import hand_edits
+from .scene_occluders import scenery_digest
 from .shot_exceptions import digest_of, exceptions_by_number
 
 # Plans by path, time of change and size.
@@ -213,8 +214,10 @@ def changes_since_plan(
     policy: LevelPolicy,
     bias: Bias | None,
     films: bool = True,
-) -> list[str]:
-    """Return the names of what has changed since the scene's plan was made; none without one.
+) -> Generator[float, None, list[str]]:
+    """Find what has changed since the scene's plan was made.
+
+    Yields the progress and returns the names of what has; none without a plan.
 
     films: whether the cameras of all its frames are compared, for which the scene is stepped.
     CrowdError if the plan cannot be read.
@@ -223,37 +226,38 @@ def changes_since_plan(
     if stored is None:
         return []
     changes = differences(stored.made_for, plan_inputs(scene.crowd_lod, trajectory, policy, bias))
-    views = cameras_at(scene, stored.times.tolist()) if films else ()
-    if not all(
-        same_cameras(planned, numbers_of(eyes))
-        for planned, eyes in zip(stored.cameras, views, strict=False)
-    ):
-        changes.append(CAMERA)
+    if films:
+        views = yield from reading_cameras(scene, stored.times.tolist())
+        pairs = zip(stored.cameras, views, strict=True)
+        if not all(same_cameras(planned, numbers_of(eyes)) for planned, eyes in pairs):
+            changes.append(CAMERA)
     return changes
 
 
 def notes_on_shot(
     scene: bpy.types.Scene, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | None
-) -> str:
-    """Return a sentence on what has changed since the scene's plan was made; "" if nothing.
+) -> Generator[float, None, str]:
+    """Find what has changed since the scene's plan was made: compare all its frames.
 
-    All its frames are compared. CrowdError if the plan cannot be read.
+    Yields the progress and returns a sentence, "" if nothing has changed. CrowdError if the plan
+    cannot be read.
     """
-    changes = changes_since_plan(scene, trajectory, policy, bias)
+    changes = yield from changes_since_plan(scene, trajectory, policy, bias)
     return _not_used(stored_plan(scene.crowd_lod), changes) if changes else ""
 
 
 def planned_cast(
     scene: bpy.types.Scene, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | None
-) -> np.ndarray | None:
-    """Return the meshes that the frames of the scene's plan show, (K, L) bool; see plan_file.
+) -> Generator[float, None, np.ndarray | None]:
+    """Read which meshes the frames of the scene's plan show, (K, L) bool; see plan_file.
 
-    None without a plan that holds in all its frames.
+    Yields the progress. Returns None without a plan that holds in all its frames.
     """
     with suppress(CrowdError):
         stored = stored_plan(scene.crowd_lod)
-        if stored is not None and not notes_on_shot(scene, trajectory, policy, bias):
-            return stored.cast
+        if stored is not None:
+            notes = yield from notes_on_shot(scene, trajectory, policy, bias)
+            return None if notes else stored.cast
     return None
 
 
@@ -279,7 +283,8 @@ def plan_inputs(
         # with the crowd's own digests these tell the edits, too
         OVERRIDES: _digest(digest_of(settings)),
     }
-    return crowd_digests(trajectory) | of_settings | cast_inputs(settings.id_data)
+    scene = settings.id_data
+    return crowd_digests(trajectory) | of_settings | cast_inputs(scene) | scenery_digest(scene)
 
 
 def crowd_digests(trajectory: Trajectory) -> dict[str, str]:

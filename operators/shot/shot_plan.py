@@ -1,9 +1,7 @@
 """The shot plan: runs through the shot, decides on all its LODs, and stores them."""
 
-import json
 from collections.abc import Generator, Sequence
-from contextlib import suppress
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from functools import partial
 from math import inf, isfinite
 from pathlib import Path
@@ -16,6 +14,7 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, number, printable
 from ...crowd_lod.frame.planned import PINNED, camera_of
 from ...crowd_lod.levels.assignment import deviations
+from ...crowd_lod.levels.budget_fit import Budget
 from ...crowd_lod.progress import aside, share, standing, steps_aside
 from ...crowd_lod.reporting import files, tables
 from ...crowd_lod.reporting.shot_json import shot_facts
@@ -23,7 +22,7 @@ from ...crowd_lod.reporting.shot_page import shot_page
 from ...crowd_lod.reporting.shot_report import ShotReport
 from ...crowd_lod.reporting.switch_figures import png_of
 from ...crowd_lod.shot import plan_file
-from ...crowd_lod.shot.budget import Budget, BudgetPlan, decide_within
+from ...crowd_lod.shot.budget import BudgetPlan, decide_within
 from ...crowd_lod.shot.budget_points import BudgetPoint, budget_sentence, find_points, fitting_point
 from ...crowd_lod.shot.coloring import VARIETY, PhasePlan, plan_phases, recast, strides_of
 from ...crowd_lod.shot.curve import curve_of
@@ -33,11 +32,12 @@ from ...crowd_lod.shot.survey import Survey
 from ...crowd_lod.shot.switches import WORST, largest, noticed
 from ...crowd_lod.shot.unneeded import needed_meshes
 from ...crowd_lod.shot.verdict import verdict_of
-from ..blender import cameras, provenance, scene_data
+from ..blender import cameras, scene_data
 from ..blender.machine_costs import costs_of
 from ..blender.operator import Reporting, Stepwise
 from ..blender.output_folders import full_path, output_path, place_of
 from ..blender.output_index import note_output
+from ..characters.cast_provenance import reading_afresh
 from ..characters.group_measuring import measuring_groups
 from ..characters.holdings import holdings_of
 from ..characters.stored_groups import groups_of, store_groups
@@ -51,6 +51,7 @@ from ..scene import shot_reference
 from ..scene.scene_crowd import characters_of, policy_of, trajectory_of
 from ..scene.shot_exceptions import exemptions_of
 from ..settings import needs
+from ..settings.budgets import budget_of, possible_budgets
 from ..sources.crowd_sources import check_recorded
 from .planned_cameras import note_cameras
 from .scene_json import scene_json
@@ -110,7 +111,7 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
             f"may add, such as 0.05."
         )
     check_recorded(scene, "Plan Shot")
-    provenance.look_afresh()
+    yield from standing(reading_afresh(scene), 0.0)
     yield from share(ready(scene), 0.0, READY)
     trajectory = trajectory_of(scene)
     policy = policy_of(scene.crowd_lod)
@@ -132,7 +133,8 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
     )
     phases = yield from standing(aside(planning), SURVEYED)
     survey = recast(through.survey, phases.phases)
-    shot = _shot_of(scene, excepted(survey, exemptions))
+    reading = _shot_of(scene, excepted(survey, exemptions))
+    shot = yield from standing(reading, SURVEYED)
     deciding = steps_aside(decide_within(shot, request.budget, request.avoid))
     plan = yield from share(deciding, SURVEYED, DECIDED)
     report = yield from share(_report_on(scene, through, phases, shot, plan), DECIDED, 1.0)
@@ -152,12 +154,12 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
     return PlannedShot(shot, plan, stored, report, request, exemptions, points)
 
 
-def _shot_of(scene: bpy.types.Scene, survey: Survey) -> Shot:
-    """Return the shot of the scene that was surveyed."""
+def _shot_of(scene: bpy.types.Scene, survey: Survey) -> Generator[float, None, Shot]:
+    """Read the shot of the scene that was surveyed; yields the progress, returns the Shot."""
     trajectory = trajectory_of(scene)
     characters = characters_of(scene)
     library = cast_of(characters, trajectory)
-    cast = holdings_of(characters, trajectory, library)
+    cast = yield from holdings_of(characters, trajectory, library)
     is_used = np.zeros(len(survey.owner), bool)
     is_used[survey.character[survey.is_seen]] = True
     return Shot(
@@ -248,11 +250,8 @@ def write_levels(folder: Path, planned: PlannedShot) -> None:
 def shot_json(planned: PlannedShot) -> dict[str, Any]:
     """Return what plan.json tells of the shot."""
     requested = requested_of(planned.request)
-    facts = shot_facts(
-        planned.report, planned.stored, requested, [each.as_json for each in planned.exemptions]
-    )
-    facts["shot"]["budgets"] = [astuple(point) for point in planned.points]
-    return facts
+    exceptions = [exemption.as_json for exemption in planned.exemptions]
+    return shot_facts(planned.report, planned.stored, requested, exceptions, planned.points)
 
 
 def requested_of(request: PlanRequest) -> dict[str, Any]:
@@ -280,21 +279,13 @@ def sentence(planned: PlannedShot) -> str:
         if plan.tolerance
         else ""
     )
+    above = max(bill.above(before), 0.0)
     return (
         f"{planned.report.verdict.sentence} "
         f"{counted(frames, 'frame')} of {counted(len(planned.shot.survey.group), 'agent')} "
         f"planned. LODs change in sight {counted(int(bill.switches.sum()), 'time')}, by distance "
-        f"{counted(int(before.switches.sum()), 'time')}, for {max(bill.above(before), 0.0):.1%} more cost "
-        f"at most{bound}.{raised}"
-    )
-
-
-def budget_of(settings) -> Budget:
-    """Return the budget that the settings give; 0 is no limit."""
-    return Budget(
-        triangles=settings.budget_triangles or inf,
-        memory=1e6 * round(settings.budget_memory, 3) or inf,
-        finest=settings.budget_finest or None,
+        f"{counted(int(before.switches.sum()), 'time')}, for {above:.1%} more cost at most{bound}."
+        f"{raised}"
     )
 
 
@@ -311,17 +302,11 @@ def wanted_of(scene: bpy.types.Scene, folder: Path, frames: Sequence[int]) -> Pl
     )
 
 
-def possible_budgets(settings) -> tuple[BudgetPoint, ...]:
-    """Return what the planned shot takes at the least; nothing without a plan."""
-    with suppress(ValueError, TypeError):  # a script may have put anything there
-        return tuple(BudgetPoint(*map(float, row)) for row in json.loads(settings.shot_budgets))
-    return ()
-
-
-def refuse_budget(scene: bpy.types.Scene) -> None:
+def refuse_budget(scene: bpy.types.Scene) -> Generator[float, None, None]:
     """Raise CrowdError if the scene's plan says that its budget is impossible.
 
-    So a press that could only end with a no ends at once, and not after a look at all frames.
+    So a press that could only end with a no ends before all frames are planned. Yields the
+    progress.
     """
     settings = scene.crowd_lod
     points = possible_budgets(settings)
@@ -331,7 +316,7 @@ def refuse_budget(scene: bpy.types.Scene) -> None:
     stored = shot_reference.stored_plan(settings)
     same_frames = stored and stored.numbers.tolist() == list(scene_data.frames_of(scene))
     bias = bias_of(settings)
-    changes = shot_reference.changes_since_plan(
+    changes = yield from shot_reference.changes_since_plan(
         scene, trajectory_of(scene), policy_of(settings), bias
     )
     if same_frames and not changes:
@@ -345,7 +330,7 @@ def plan_of_settings(scene: bpy.types.Scene) -> Generator[float, None, str]:
     written at the end, all or none.
     """
     settings = scene.crowd_lod
-    refuse_budget(scene)
+    yield from standing(refuse_budget(scene), 0.0)
     place = output_path(scene, "plan")
     folder = full_path(place)
     with files.staged(folder, plan_file.NAME) as part:

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Generator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import bpy
@@ -17,9 +18,9 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame import Frame, plan
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import numbers_of
-from ...crowd_lod.frame.shadows import surround
+from ...crowd_lod.frame.shadows import surrounded
 from ...crowd_lod.levels.assignment import LevelPolicy
-from ...crowd_lod.progress import share
+from ...crowd_lod.progress import aside, share, standing
 from ...crowd_lod.shot.shot_cost import meshes_of
 from ...crowd_lod.shot.survey import Recorder, Survey, empty
 from ...crowd_lod.sources.trajectory import Trajectory
@@ -87,8 +88,10 @@ def survey_of(
             eyes, around, shutter = lights.read_moment(scene, time, at)
             if trajectory_of(scene) is not trajectory or policy_of(settings) != policy:
                 raise _changes_at(frames[f])
-            planned = plan(trajectory, eyes, policy, time, shutter, bias_of(settings))
-            frame = surround(planned, around)
+            bias = bias_of(settings)
+            planning = partial(plan, trajectory, eyes, policy, time, shutter, bias)
+            planned = aside(partial(surrounded, planning, around))
+            frame = yield from standing(planned, (f + 0.5) / len(frames))
             if f >= begin:
                 film = cameras.bound_camera(scene, time)
                 cut = f > 0 and film != cameras.bound_camera(scene, times[f - 1])

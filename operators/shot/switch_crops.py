@@ -5,6 +5,7 @@ Drawn without Blender's renderers: where there is no OpenGL, Workbench ends Blen
 
 from collections.abc import Generator, Sequence
 from dataclasses import replace
+from functools import partial
 
 import bpy
 import numpy as np
@@ -12,7 +13,7 @@ from mathutils import Euler, Matrix
 
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import camera_of
-from ...crowd_lod.progress import share
+from ...crowd_lod.progress import aside, share, standing
 from ...crowd_lod.shot.phases import Phases
 from ...crowd_lod.shot.switches import NOTHING
 from ...crowd_lod.validation.shaded_pictures import Body, pictures
@@ -51,8 +52,9 @@ def crops_of(
         yield from share(approach(trajectory, time), count / len(rows), (count + 1) / len(rows))
         levels = [int(row["before"]), int(row["after"])]
         crowd = phases.applied(trajectory.at(time), trajectory.gaits)
-        bodies = posed_agent(scene, int(row["agent"]), Held(crowd, time), levels)
-        crops.append(_crop(bodies, through.cameras[f, 0]))
+        bodies, materials = posed_agent(scene, int(row["agent"]), Held(crowd, time), levels)
+        cropping = partial(_crop, bodies, materials.images(), through.cameras[f, 0])
+        crops.append((yield from standing(aside(cropping), (count + 1) / len(rows))))
     return crops
 
 
@@ -115,9 +117,11 @@ def _only(body: Body, triangles: np.ndarray) -> Body:
     return replace(body, **{name: getattr(body, name)[triangles] for name in names})
 
 
-def _crop(posed: tuple[list[Body | None], Looks], numbers: np.ndarray) -> Crop | None:
-    """Return both bodies as the camera of `numbers` (21,) sees them, or None."""
-    bodies, materials = posed
+def _crop(bodies: list[Body | None], images: np.ndarray, numbers: np.ndarray) -> Crop | None:
+    """Return both bodies as the camera of `numbers` (21,) sees them, or None.
+
+    images: (i, size, size, 4) uint8, of the bodies' materials.
+    """
     camera = camera_of(numbers)
     if camera.kind == "PANO" or None in bodies:
         return None
@@ -136,7 +140,7 @@ def _crop(posed: tuple[list[Body | None], Looks], numbers: np.ndarray) -> Crop |
     smaller = min(1.0, MOST / max(float(np.ptp(np.concatenate(flat)[:, :2], axis=0).max()), 1e-9))
     before, after = pictures(
         bodies_ahead,
-        materials.images(),
+        images,
         [at * (smaller, smaller, 1) for at in flat],
         axes * [[1], [1], [-1]],
     )

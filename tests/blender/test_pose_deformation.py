@@ -3,10 +3,11 @@
 import bpy
 import numpy as np
 import pytest
+from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import mesh_data
 from crowd_lod_extension.operators.characters.stored_groups import groups_of
-from crowd_lod_extension.operators.lod_meshes.deviation import poses
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from crowd_lod_extension.operators.lod_meshes.pose_choice import choose_poses
 from crowd_lod_extension.operators.lod_meshes.pose_deformation import skin_of
 from crowd_lod_extension.operators.lod_meshes.source_mesh import read_source
 
@@ -25,7 +26,7 @@ def test_points_move_as_blender_moves_a_mesh_with_the_same_weights():
     item = arm()
     source = read_source(item)
     before = set(bpy.data.user_map())
-    frames = poses([item])
+    frames = finished(choose_poses([item]))
     assert len(list(skin_of(source, frames))) == len(frames) > 8
     assert set(bpy.data.user_map()) == before  # nothing is left behind
     rng = np.random.default_rng(0)
@@ -64,6 +65,7 @@ def test_what_nothing_deforms_has_no_skin():
 def test_lods_bend_as_the_character_does():
     item = arm()
     settings = bpy.context.scene.crowd_lod
+    settings.level_count = 2
     found = {}
     for way in ("POSE_AWARE", "DECIMATE", "AUTO"):
         settings.method = way
@@ -116,6 +118,7 @@ def bowed(keyed=True):
 def test_a_shape_key_that_bends_counts_as_a_pose():
     bowed()
     settings = bpy.context.scene.crowd_lod
+    settings.level_count = 2
     found = {}
     for way in ("POSE_AWARE", "DECIMATE", "AUTO"):
         settings.method = way
@@ -175,5 +178,5 @@ def test_poses_of_shape_keys_are_told_apart():
     item["clock"] = 0.0
     for frame in (1, 60):
         item.keyframe_insert('["clock"]', frame=frame)
-    found = poses([item])
+    found = finished(choose_poses([item]))
     assert sum(19.5 < frame < 24.5 for frame in found) >= 3, found

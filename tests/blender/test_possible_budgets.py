@@ -1,13 +1,22 @@
 """Once a plan has looked at the shot, a budget is called possible or impossible at once."""
 
+import re
+from pathlib import Path
+
 import bpy
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.shot.budget_points import budget_sentence
+from crowd_lod_extension.operators.blender import provenance
+from crowd_lod_extension.operators.lod_meshes.made_for import MADE_FOR, changed
+from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from crowd_lod_extension.operators.settings.budgets import budget_of, possible_budgets
 from crowd_lod_extension.operators.shot.shot_plan import (
-    budget_of,
-    plan_of_settings,
-    possible_budgets,
+    plan_shot,
+    refuse_budget,
+    shot_json,
+    wanted_of,
 )
 
 from ..support.characters import character, new, tube
@@ -24,29 +33,49 @@ def planned(small_shot):
     return small_shot
 
 
-def test_a_press_that_could_only_say_no_looks_at_no_frame(planned):
+def test_a_press_that_could_only_say_no_plans_no_frame(planned):
     settings = planned.crowd_lod
     least = possible_budgets(settings)[-1].triangles
     settings.budget_triangles = int(least) - 1
     sentence = budget_sentence(possible_budgets(settings), budget_of(settings))
     assert f"Triangles from {least:,.0f} on" in sentence
     with pytest.raises(CrowdError, match="Impossible. Possible is Triangles from"):
-        next(plan_of_settings(planned))
-    settings.budget_triangles = int(least)
-    assert "FINISHED" in bpy.ops.crowd_lod.plan_shot()
-
-
-def test_another_crowd_is_looked_at_again(planned):
-    settings = planned.crowd_lod
-    settings.budget_triangles = int(possible_budgets(settings)[-1].triangles) - 1
-    settings.count = 1
-    bpy.ops.crowd_lod.populate()
-    next(plan_of_settings(planned))
-
-
-def test_agents_at_full_detail_have_a_limit(planned):
-    settings = planned.crowd_lod
+        finished(refuse_budget(planned))
     settings.budget_finest = 1
     assert budget_of(settings).finest == 1
+    settings.count = 1
+    bpy.ops.crowd_lod.populate()
+    finished(refuse_budget(planned))  # another crowd is looked at again
     bpy.ops.crowd_lod.remove_plan()
     assert possible_budgets(settings) == ()
+
+
+def test_lods_that_hold_a_new_budget_anyway_are_not_made_again(planned):
+    settings = planned.crowd_lod
+    settings.choice = "BY_TOLERANCE"
+    provenance.keep(settings.levels, MADE_FOR, {"budget": "none"})
+    settings.budget_triangles = int(possible_budgets(settings)[0].triangles)
+    assert "budget" not in changed(planned)
+    assert "FINISHED" in bpy.ops.crowd_lod.plan_shot()
+    settings.budget_triangles -= 1
+    assert "budget" in changed(planned)
+
+
+def test_make_chooses_lods_for_the_budget_and_the_plan_holds_it(planned):
+    settings = planned.crowd_lod
+    settings.choice = "BY_TOLERANCE"
+    settings.tolerance = 0.01
+    settings.budget_triangles = 7
+    with pytest.raises(CrowdError, match="set Triangles to") as error:
+        finished(make_levels(planned))
+    settings.budget_triangles = int(re.search(r"Triangles to ([\d,]+)", str(error.value))[1])
+    outcome = finished(make_levels(planned))
+    assert "budget" not in changed(planned) and possible_budgets(settings) == ()
+    assert f"deviate by up to about {outcome.budget_tolerance:.3g}" in outcome.sentence
+    plan = finished(plan_shot(planned, wanted_of(planned, Path(), [1, 2])))
+    assert plan.plan.bill.triangles.max() <= settings.budget_triangles
+    assert 0.01 < plan.plan.tolerance <= outcome.budget_tolerance
+    possible = shot_json(plan)["shot"]["possible_budgets"]
+    assert possible[-1]["triangles"] <= settings.budget_triangles
+    settings.budget_triangles *= 2
+    assert "budget" in changed(planned)  # less tolerance would do

@@ -2,7 +2,7 @@
 
 import bpy
 import pytest
-from crowd_lod_extension.operators.blender import frame_stepping, unfinished
+from crowd_lod_extension.operators.blender import cleanup, frame_stepping, unfinished
 
 
 @pytest.fixture
@@ -27,6 +27,16 @@ def test_nothing_is_removed_when_the_step_has_ended(noted):
     unfinished.end(noted)
     unfinished.clear()
     assert "half" in bpy.data.objects
+
+
+def test_what_the_user_makes_while_a_step_runs_is_not_removed_with_what_the_step_has_made(scene):
+    with cleanup.scratch():
+        state = unfinished.state()
+        bpy.data.worlds.new("the user's")
+        unfinished.note_users(state)
+        bpy.data.worlds.new("the step's")
+    unfinished.end(scene)
+    assert "the user's" in bpy.data.worlds and "the step's" not in bpy.data.worlds
 
 
 def test_a_part_that_is_finished_stays_and_what_comes_after_it_goes(noted):

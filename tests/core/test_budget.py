@@ -9,9 +9,10 @@ from math import inf, nan
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.levels.budget_fit import Budget
 from crowd_lod_extension.crowd_lod.levels.cost_model import default_costs
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.crowd_lod.shot.budget import Budget, decide_within, relaxed
+from crowd_lod_extension.crowd_lod.shot.budget import decide_within, relaxed
 from crowd_lod_extension.crowd_lod.shot.budget_points import (
     budget_sentence,
     find_points,
@@ -300,7 +301,7 @@ def test_points_of_error_against_cost_end_at_the_least_that_is_possible():
         assert budget_sentence(points, possible).startswith("Possible with LODs"), name
         if value:
             impossible = Budget(**{name: 0.99 * value})
-            with pytest.raises(CrowdError, match=r"impossible.*raise Tolerance"):
+            with pytest.raises(CrowdError, match=r"impossible.*press Make"):
                 finished(decide_within(shot, impossible))
             assert words in budget_sentence(points, impossible), name
     assert budget_sentence(points, Budget()) == budget_sentence((), Budget(triangles=1)) == ""

@@ -43,7 +43,7 @@ def session():
         steps = sys.modules[f"{robot.MODULE}.operators.ui.steps"]
         results["pressed"].append(steps.label_of(steps.next_operator(scene())))
         print(f"--- {name}", flush=True)
-        yield from click(*blue_button(seen))
+        yield from click(*blue_button(seen), turn if name == "4_lods" else nothing)
         if name == PICTURES[1]:
             yield from confirm()
         seen = yield from picture(name)
@@ -101,13 +101,36 @@ def made():
     }
 
 
-def click(x: int, y: int):
-    """Click there, and wait until the button's work is done."""
+def nothing():
+    yield from ()
+
+
+def turn():
+    """Turn the view by the mouse while a step is at work; note what is at work afterwards."""
+    view = robot.view_3d().spaces[0].region_3d
+    before = view.view_rotation.copy()
+    area = robot.view_3d()
+    x = area.x + area.width // 4
+    y = area.y + area.height // 2
+    robot.window().event_simulate(type="MIDDLEMOUSE", value="PRESS", x=x, y=y)
+    for k in range(5):
+        robot.window().event_simulate(type="MOUSEMOVE", value="NOTHING", x=x + 20 * k, y=y)
+        yield 0.05
+    robot.window().event_simulate(type="MIDDLEMOUSE", value="RELEASE", x=x + 100, y=y)
+    yield from robot.until(lambda: view.view_rotation != before, 10.0, 0.05)
+    results["turned"] = view.view_rotation != before
+    results["at work"] = [step.bl_idname for step in robot.window().modal_operators]
+    view.view_perspective = "CAMERA"
+
+
+def click(x: int, y: int, meanwhile):
+    """Click there, do something `meanwhile`, and wait until the button's work is done."""
     robot.window().event_simulate(type="MOUSEMOVE", value="NOTHING", x=x, y=y)
     yield 0.3
     for value in ("PRESS", "RELEASE"):
         robot.window().event_simulate(type="LEFTMOUSE", value=value, x=x, y=y)
     yield 0.5
+    yield from meanwhile()
     yield from robot.until(lambda: not robot.window().modal_operators, robot.PATIENCE)
 
 
