@@ -418,6 +418,14 @@ class Ladder:
         # by ratio all are made, whatever they deviate by
         return self.measured.complete(group, self.goals, usual if self.searched else None)
 
+    def mark_as_made(self, kept_homes: list[bpy.types.Collection]) -> Iterator[float]:
+        """Note what the objects of the chosen collections are like; yield between them."""
+        for home in kept_homes:
+            if home in self.new_homes.values():
+                for item in home.objects:
+                    item[AS_MADE] = hash_made(item)
+                    yield 0.0
+
     def settle(self, kept_homes: list[bpy.types.Collection]) -> None:
         goals = list(self.measured.rows)
         if len(goals) > MOST_GOALS:
@@ -431,7 +439,3 @@ class Ladder:
         doomed = [home for home in self.new_homes.values() if home not in kept_homes]
         discard([item for home in doomed for item in home.objects])
         bpy.data.batch_remove(doomed)
-        for home in self.new_homes.values():
-            if home in kept_homes:
-                for item in home.objects:
-                    item[AS_MADE] = hash_made(item)

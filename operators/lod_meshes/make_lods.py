@@ -16,7 +16,7 @@ from ..blender import scene_data
 from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED, remove_owned
 from ..blender.unfinished import blocks_now, made_since
-from ..characters.cast_provenance import reading_afresh
+from ..characters.cast_provenance import cast_inputs, of_characters, reading_afresh
 from ..characters.characters import GROUP, Character, all_characters
 from ..characters.group_measuring import measuring_groups, stands
 from ..characters.stored_groups import store_groups
@@ -94,6 +94,7 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
         choice, guesses = yield from _chosen(scene, ladders, groups, shots, work)
         homes, edited = yield from _made(ladders, choice.keep, earlier, work)
         yield from standing(reading_afresh(scene), 1.0)
+        inputs = of_characters(cast_inputs(scene))
         is_done = True
     except ReferenceError as error:  # by a script or another add-on, between two steps
         raise CrowdError(
@@ -116,7 +117,7 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
         scene_data.let_go(scene, "levels")
     _show_nowhere(scene, top)
     settings.dropped = "\n".join(_told(ladders, choice.dropped))
-    note_shot(scene, guesses, shots, choice.keep)
+    note_shot(scene, guesses, shots, choice.keep, inputs)
     settings.memory_tolerance = choice.tolerance
     settings.memory_made = settings.memory
     settings.estimate = ""
@@ -278,6 +279,7 @@ def _made(
             yield from work.take(ladder.make(goal), ladder.cost)
         yield from work.take(ladder.look_between(goals), ladder.look_cost)
         homes.append([ladder.homes[goal] for goal in goals])
+        yield from work.take(ladder.mark_as_made(homes[-1]), 0.0)
         used_homes.update(homes[-1])
     return homes, edited
 

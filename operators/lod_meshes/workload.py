@@ -9,7 +9,7 @@ READ = 0.07  # progress at which all characters are read
 # How many times as long as reading a character each work on one of its LODs takes.
 SEARCH = 10.0  # finding the LOD of a length
 MAKE = 2.0  # making the LOD of a ratio, and measuring it
-LOOK = 1.5  # looking at the LOD of a ratio between the poses
+LOOK = 0.35  # looking at the LOD of a ratio between the poses
 FURTHER = 0.3  # searches that the result of a search calls for, on average
 
 
