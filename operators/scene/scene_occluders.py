@@ -55,7 +55,9 @@ def occluders_of(
     if _camera_blurs(scene):
         return join_occluders(()), (UNMAPPED,)
     excluded = _excluded(scene.crowd_lod)
-    reading = read_occluders(scenery, scene, depsgraph, excluded)
+    if scenery.occluding is None or scenery.occluding[0] != excluded:
+        scenery.occluding = excluded, read_occluders(scenery, scene, depsgraph, excluded)
+    reading = scenery.occluding[1]
     if times and at is None:
         with frame_stepping.stage() as staged:
             return occluders_of(scene, scenery, depsgraph, times, staged)
