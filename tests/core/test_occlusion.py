@@ -62,7 +62,7 @@ def soup(random, count):
 @pytest.mark.parametrize("kind", ["PERSP", "ORTHO"])
 def test_any_triangles_hide_only_what_is_hidden(kind):
     hidden_agents = 0
-    for seed in range(8):
+    for seed in range(5):
         random = np.random.default_rng(seed)
         scenery = soup(random, 8)
         corners = scenery.points[scenery.shape.triangles]
@@ -74,7 +74,7 @@ def test_any_triangles_hide_only_what_is_hidden(kind):
         hidden_agents += len(hidden_indices)
         blocked = partial(blocked_by_triangles, corners)
         assert not find_seen(random, camera, centers[hidden_indices], radius, blocked).any()
-    assert hidden_agents > 100
+    assert hidden_agents > 40
 
 
 def test_a_camera_that_moves_sees_nobody_who_is_hidden():
