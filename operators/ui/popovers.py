@@ -50,6 +50,8 @@ class CROWDLOD_PT_statistics(_Popover, bpy.types.Panel):
                 "HIDE_ON",
             ),
         ]
+        if frame.hidden is not None:
+            rows.append(("Hidden by Scenery", f"{frame.hidden.sum():,}", "HOME"))
         by_lod = context.scene.crowd_lod.overlay_color == "LOD"
         for level, count in enumerate(frame.buckets.counts):
             name, icon = LOD_COLORS[level]

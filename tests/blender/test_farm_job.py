@@ -12,7 +12,8 @@ from pathlib import Path
 import bpy
 import pytest
 from crowd_lod_extension.operators.blender import image_data
-from crowd_lod_extension.operators.cli import commands, farm
+from crowd_lod_extension.operators.cli import commands
+from crowd_lod_extension.operators.hand_over import farm_job
 
 pytestmark = pytest.mark.once  # long, and the same on every Blender
 
@@ -179,7 +180,7 @@ def flamenco():
     from py_mini_racer import MiniRacer
 
     engine = MiniRacer()
-    engine.eval(AUTHOR + farm.FLAMENCO.read_text(encoding="utf-8"))
+    engine.eval(AUTHOR + farm_job.FLAMENCO.read_text(encoding="utf-8"))
     return lambda **settings: json.loads(engine.eval(f"compiled({json.dumps(settings)})"))
 
 
