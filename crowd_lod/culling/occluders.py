@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -28,7 +29,7 @@ class Shape:
     components: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # compared by identity
 class Occluders:
     """Scenery at one time.
 
@@ -38,6 +39,18 @@ class Occluders:
 
     points: np.ndarray
     shape: Shape
+
+    @cached_property
+    def boxes(self) -> tuple[np.ndarray, np.ndarray]:
+        """(least, greatest) corner of each connected component, (components, 3) meters each."""
+        begins = np.searchsorted(self.shape.component, np.arange(self.shape.components))
+        corners = self.points[self.shape.triangles]
+        if not len(corners):
+            return np.empty((0, 3)), np.empty((0, 3))
+        return (
+            np.minimum.reduceat(corners.min(axis=1), begins),
+            np.maximum.reduceat(corners.max(axis=1), begins),
+        )
 
 
 def shape_of_mesh(points: np.ndarray, triangles: np.ndarray) -> Shape:

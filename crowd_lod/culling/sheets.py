@@ -8,15 +8,15 @@ orthographic camera minus meters.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from .camera import GRAIN, Camera, Window, stretch
-from .occluders import Occluders, Shape
+from .occluders import Occluders
 
 ACROSS = 160  # cells along the longer side of the picture
-LEAST_CELLS = 2.0  # cells along both axes below which a component is not drawn
+LEAST_CELLS = 3.0  # cells along both axes below which a component is not drawn
 FLAT = 1e-12  # part of its size cubed, below which a triangle is edge-on
 ROUNDING = 1e-9  # of cells and of nearness, several thousand roundings of float64
 
@@ -32,6 +32,10 @@ class Grid:
     window: Window
     columns: int
     rows: int
+
+    def of_camera(self, camera: Camera) -> "Grid":
+        """Return the same cells of another camera's picture."""
+        return replace(self, window=camera.visible_window)
 
     @property
     def scale(self) -> np.ndarray:
@@ -87,20 +91,23 @@ class Sheets:
 def read_sheets(occluders: Occluders, cameras: Sequence[Camera], grid: Grid) -> Sheets:
     """Return the sheets that may cover cells in the picture of the first camera."""
     shape = occluders.shape
-    views = [view_points(occluders.points, camera) for camera in cameras]
-    near = _is_large(shape, views[0], cameras[0], grid)[shape.component]
-    number = np.flatnonzero(near)
-    facing = _facing(views[0][shape.triangles[number]], cameras[0])
+    number = np.flatnonzero(_is_large(occluders, cameras[0], grid)[shape.component])
+    used = np.zeros(len(occluders.points), bool)
+    used[shape.triangles[number]] = True
+    row = np.cumsum(used) - 1  # of each vertex among those that are used
+    points = occluders.points[used]
+    views = [view_points(points, camera) for camera in cameras]
+    facing = _facing(views[0][row[shape.triangles[number]]], cameras[0])
     sheet = np.full(len(shape.triangles) + 1, -1)  # the last stands for no triangle
     sheet[number] = np.where(facing != 0, 2 * shape.component[number] + (facing > 0), -1)
     number = number[facing != 0]
-    grain = GRAIN * (np.abs(occluders.points).sum(axis=1) + np.abs(cameras[0].origin).sum())
+    grain = GRAIN * (np.abs(points).sum(axis=1) + np.abs(cameras[0].origin).sum())
     columns = np.concatenate([*views, grain[:, None]], axis=1)
-    corners = columns[shape.triangles[number]]
+    corners = columns[row[shape.triangles[number]]]
     of_corners = sheet[number]
     beside = sheet[shape.sides]
     rows, side = np.nonzero((beside >= 0) & (beside[:, :1] != beside[:, 1:]))
-    ends = columns[shape.edges[rows]]
+    ends = columns[row[shape.edges[rows]]]
     of_ends = beside[rows, side]
     for k, camera in enumerate(cameras):
         cut = nearest_cut(camera)
@@ -120,17 +127,13 @@ def view_points(points: np.ndarray, camera: Camera) -> np.ndarray:
     return (points - camera.origin) @ np.array([camera.X, camera.Y, camera.Z]).T
 
 
-def _is_large(shape: Shape, points: np.ndarray, camera: Camera, grid: Grid) -> np.ndarray:
-    """Return which components are in the picture and may cover a cell, (components,) bool.
-
-    points: (n, 3) in camera coordinates.
-    """
-    if not shape.components:
-        return np.empty(0, bool)
-    begins = np.searchsorted(shape.component, np.arange(shape.components))
-    corners = points[shape.triangles]
-    low = np.minimum.reduceat(corners.min(axis=1), begins)
-    high = np.maximum.reduceat(corners.max(axis=1), begins)
+def _is_large(occluders: Occluders, camera: Camera, grid: Grid) -> np.ndarray:
+    """Return which components are in the picture and may cover a cell, (components,) bool."""
+    least, greatest = occluders.boxes
+    middle = view_points((least + greatest) / 2, camera)
+    half = (greatest - least) / 2 @ np.abs(np.array([camera.X, camera.Y, camera.Z])).T
+    low = middle - half
+    high = middle + half
     cut = nearest_cut(camera)
     near = np.maximum(low[:, 2:], cut)
     far = np.maximum(high[:, 2:], cut)
@@ -223,7 +226,8 @@ def _picture(
     columns: (m, k, c), coordinates of each camera; last the rounding in meters.
     """
     pictures = [
-        _in_cells(columns[..., 3 * k : 3 * k + 3], camera, grid) for k, camera in enumerate(cameras)
+        _in_cells(columns[..., 3 * k : 3 * k + 3], camera, grid.of_camera(camera))
+        for k, camera in enumerate(cameras)
     ]
     first = pictures[0]
     moved = np.max([np.abs(there[..., :2] - first[..., :2]) for there in pictures], axis=0)

@@ -187,6 +187,32 @@ def shades_into(
     return casts
 
 
+def shadow_ends(
+    light: Light, points: np.ndarray, radius: np.ndarray, floor: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the spheres (centers (n, 3), radii (n,)) with which shadows leave all receivers.
+
+    A shadow down to there lies in the convex hull of the sphere that casts it and of this one (see
+    `shades_into`). The radius is inf where the shadow has no end.
+
+    points: (n, 3) meters, centers of the spheres that cast shadows.
+    radius: (n,) meters.
+    floor: meters, the height of the lowest receiver; -inf if that is not known.
+    """
+    if light.origin is None:
+        way = np.broadcast_to(np.cos(light.angle) * light.direction, points.shape)
+        grow = np.full(len(points), np.sin(light.angle))
+    else:
+        way = points - light.origin
+        grow = radius + light.size
+    fall = -way[:, 2] - grow
+    falls = (fall > 0) & np.isfinite(floor)
+    t = np.where(falls, (points[:, 2] + radius - floor) / np.where(falls, fall, 1.0), 0.0)
+    t = np.maximum(t, 0)
+    ends = points + t[:, None] * way
+    return ends, np.where(falls, radius + t * grow, np.inf)
+
+
 def left_from(volume: Frustum, about: np.ndarray, turn: float = 0.0) -> Frustum:
     """Return the volume of the points where rays from surfaces in the volume start.
 

@@ -95,7 +95,10 @@ def account(frame: Frame, agent: int) -> Account:
     levels = frame.levels[this]
     buckets = sort(frame.visible[this], levels, len(frame.buckets.counts))
     row = None if frame.plan_row is None else frame.plan_row[this]
-    alone = replace(frame, crowd=crowd, buckets=buckets, known_levels=levels, plan_row=row)
+    hidden = None if frame.hidden is None else frame.hidden[this]
+    alone = replace(
+        frame, crowd=crowd, buckets=buckets, known_levels=levels, plan_row=row, hidden=hidden
+    )
     group = frame.trajectory.groups[crowd.group[0]]
     level = int(levels[0])
     camera = frame.camera

@@ -53,6 +53,8 @@ class Frame(Request, Outcome):
     milliseconds: of each stage, in the order of the pipeline.
     shadow, mirrored: agents that are not visible but cast shadows into the picture, or are seen in
         mirrors; None if not looked for (frame/shadows.py).
+    hidden: (n,) bool, agents in the picture that scenery hides, and who are not in `buckets`; None
+        if not looked for (frame/hidden.py).
     plan_row: (n,) uint8, what the shot plan has of the agents (frame/planned.py), if the LODs are
         its, or what exceptions alone have; else None.
     by_plan: whether `plan_row` is the shot plan's.
@@ -67,6 +69,7 @@ class Frame(Request, Outcome):
     milliseconds: dict[str, float]
     shadow: Buckets | None = None
     mirrored: Buckets | None = None
+    hidden: np.ndarray | None = None
     plan_row: np.ndarray | None = None
     by_plan: bool = True
     unplanned: str = ""

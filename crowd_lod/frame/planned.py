@@ -57,8 +57,11 @@ def _without(hidden: np.ndarray, order: np.ndarray, levels: np.ndarray, count: i
     return Buckets(agents[buckets.order], buckets.offsets)
 
 
-def with_levels(frame: Frame, buckets: Buckets, levels: np.ndarray) -> Frame:
-    """Return `frame` with other buckets, and the LOD of every agent in `levels` (n,) uint8."""
+def with_levels(frame: Frame, buckets: Buckets, levels: np.ndarray | None) -> Frame:
+    """Return `frame` with other buckets, and the LOD of every agent in `levels` (n,) uint8.
+
+    levels: None if they follow from the distances.
+    """
     groups = frame.trajectory.groups
     counted = tally(frame.crowd, buckets, len(groups))
     vertices, _ = cost(counted, [group.vertices for group in groups])

@@ -20,6 +20,7 @@ REASONS = (
     "finer LODs left out for memory",
     "shot plan",
     "override",
+    "hidden by scenery",
     "not there at this time",
 )
 (
@@ -33,6 +34,7 @@ REASONS = (
     LEFT_OUT,
     SHOT_PLAN,
     EXCEPTION,
+    BEHIND_SCENERY,
     ABSENT,
 ) = range(len(REASONS))
 
@@ -78,6 +80,8 @@ def reasons(frame: Frame) -> np.ndarray:
     reach = spheres.reach[crowd.group[culled]] if policy.margin is None else 0.0
     reason[culled[along < near - reach]] = NEAR
     reason[culled[along > far + reach]] = FAR
+    if frame.hidden is not None:
+        reason[frame.hidden] = BEHIND_SCENERY
     if crowd.present is not None:
         reason[~crowd.present] = ABSENT
     if frame.plan_row is not None:

@@ -4,7 +4,7 @@ import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import product
+from itertools import product, repeat, zip_longest
 
 import numpy as np
 
@@ -14,7 +14,10 @@ from ..culling.blocks import Blocks, near
 from ..culling.camera import GRAIN, Camera
 from ..culling.frustum import Frustum
 from ..culling.frustum_box_test import BEYOND
+from ..culling.occluders import Occluders
+from ..culling.occlusion import OcclusionMap
 from ..culling.volumes import (
+    LIFT,
     OFFSET,
     Light,
     Mirror,
@@ -23,12 +26,14 @@ from ..culling.volumes import (
     mirror_volume,
     reaches_into,
     shades_into,
+    shadow_ends,
     spread,
     view,
 )
 from ..sorting.buckets import sort
 from . import index_cache
 from .frame import Frame
+from .hidden import hide
 from .request import Moment, moments
 
 # agents tested at a time, which a processor's cache holds with their distances from all planes
@@ -42,6 +47,7 @@ class Surroundings:
     lights, mirrors: those to take into account.
     box: (2, 3) meters, least and greatest corner of all that shadows may fall on besides the crowd;
         None if that is not known.
+    occluders: scenery that may hide agents; None hides nobody.
     level: the LOD of agents that the camera itself does not see, or the coarsest there is.
     left_out: what is not looked for, and why.
     finest: each group's finest LOD; () if all have all.
@@ -51,6 +57,7 @@ class Surroundings:
     lights: tuple[Light, ...] = ()
     mirrors: tuple[Mirror, ...] = ()
     box: np.ndarray | None = None
+    occluders: Occluders | None = None
     level: int = 255
     left_out: tuple[LeftOut, ...] = ()
     finest: tuple[int, ...] = ()
@@ -63,11 +70,12 @@ def surrounded(planning: Callable[[], Frame], around: Surroundings) -> Frame:
 
 
 def surround(frame: Frame, around: Surroundings) -> Frame:
-    """Return `frame` with the agents that it culled and that still matter.
+    """Return `frame` without the agents that scenery hides, and with those that still matter.
 
     In `shadow` are those that only cast a shadow into the picture or into what mirrors show of it,
-    or that glow; in `mirror_volume` those that mirrors show. A pure function of its arguments.
+    or that glow; in `mirrored` those that mirrors show. A pure function of its arguments.
     """
+    frame, maps = hide(frame, around.occluders)
     begun = clock.perf_counter()
     trajectory = frame.trajectory
     unseen = frame.culled
@@ -76,13 +84,14 @@ def surround(frame: Frame, around: Surroundings) -> Frame:
         dated_blocks = index_cache.blocks_at(trajectory, frame.time)
     leaves = len(dated_blocks[1].rows) if dated_blocks else 0
     reflects, shades = (_Sought(unseen.copy(), np.ones(leaves, bool)) for _ in range(2))
-    for moment in moments(trajectory, frame) if around.lights or around.mirrors else ():
-        there = _there(frame, moment, dated_blocks)
+    looked_at = moments(trajectory, frame) if around.lights or around.mirrors else []
+    for moment, films in zip(looked_at, maps or repeat(()), strict=False):
+        there = _there(frame, moment, dated_blocks, around.box)
         mirrors, lit = _volumes(there, moment.eyes, around)
         for volume in mirrors:
             reflects.find(there, volume)
-        for volume, light in product(lit, map(spread, around.lights)):
-            shades.find(there, volume, light)
+        for (volume, film), light in product(zip_longest(lit, films), map(spread, around.lights)):
+            shades.find(there, volume, light, film)
     reflected = unseen & ~reflects.agents
     shade = unseen & ~shades.agents
     if around.glows:
@@ -109,6 +118,7 @@ class _There:
     blocks: the crowd's, of a large one.
     moved: (least, most) displacement (3,) of the agents since these were made, meters.
     larger: meters by which spheres are larger than they were then.
+    receivers: (2, 3) meters, the box of all that shadows may fall on; None if not known.
     """
 
     crowd: Crowd
@@ -118,6 +128,12 @@ class _There:
     blocks: Blocks | None = None
     moved: tuple[np.ndarray, np.ndarray] = (np.zeros(3), np.zeros(3))
     larger: float = 0.0
+    receivers: np.ndarray | None = None
+
+    @property
+    def floor(self) -> float:
+        """The height of the lowest receiver, meters; -inf if not known."""
+        return -np.inf if self.receivers is None else float(self.receivers[0, 2])
 
     def test(
         self, agents: np.ndarray, touches: Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -134,16 +150,24 @@ class _There:
         return is_kept
 
 
-def _there(frame: Frame, moment: Moment, dated_blocks: tuple[int, Blocks] | None) -> _There:
+def _there(
+    frame: Frame,
+    moment: Moment,
+    dated_blocks: tuple[int, Blocks] | None,
+    box: np.ndarray | None,
+) -> _There:
     """Return the crowd at a moment of the frame.
 
     dated_blocks: (frame at which they were computed, the blocks).
+    box: of the receivers besides the crowd.
     """
     trajectory = frame.trajectory
     spheres = trajectory.spheres
     crowd = frame.crowd if moment.time == frame.time else trajectory.at(moment.time)
     beside = GRAIN * max(np.abs(eye.origin).sum() for eye in moment.eyes)
     there = _There(crowd, spheres.center, moment.radius, beside)
+    if box is not None:
+        there = replace(there, receivers=_joined(box, there))
     if dated_blocks is None:
         return there
     since, blocks = dated_blocks
@@ -160,9 +184,8 @@ def _volumes(
     pairs = [(mirror_volume(eye, mirror), mirror) for eye in eyes for mirror in around.mirrors]
     mirrors = [left_from(volume, mirror.corners) for volume, mirror in pairs if volume is not None]
     lit = [left_from(volume, volume.origin, OFFSET) for volume in (*map(view, eyes), *mirrors)]
-    if around.box is not None:
-        box = _joined(around.box, there)
-        lit = [bound_volume(volume, box) for volume in lit]
+    if there.receivers is not None:
+        lit = [bound_volume(volume, there.receivers) for volume in lit]
     return mirrors, lit
 
 
@@ -177,10 +200,21 @@ class _Sought:
     agents: np.ndarray
     leaves: np.ndarray
 
-    def find(self, there: _There, volume: Frustum, light: Light | None = None) -> None:
-        """Strike out the agents in the volume, or those that `light` lets cast a shadow into it."""
+    def find(
+        self,
+        there: _There,
+        volume: Frustum,
+        light: Light | None = None,
+        film: OcclusionMap | None = None,
+    ) -> None:
+        """Strike out the agents in the volume, or those that `light` lets cast a shadow into it.
+
+        film: hides shadows in the volume.
+        """
         touches = (
-            partial(reaches_into, volume) if light is None else partial(shades_into, volume, light)
+            partial(reaches_into, volume)
+            if light is None
+            else partial(_casts, volume, light, film, there.floor)
         )
         if there.blocks is None:
             agents = np.flatnonzero(self.agents)
@@ -195,6 +229,33 @@ class _Sought:
         self.agents[agents[is_found]] = False
         left[left] = ~is_found
         self.leaves[leaves] = left.any(axis=1)
+
+
+def _casts(
+    volume: Frustum,
+    light: Light,
+    film: OcclusionMap | None,
+    floor: float,
+    points: np.ndarray,
+    radius: np.ndarray,
+) -> np.ndarray:
+    """Return which spheres may cast a shadow into the volume that `film` does not hide, (n,) bool.
+
+    points: (n, 3) meters.
+    radius: (n,) meters.
+    """
+    casts = shades_into(volume, light, points, radius)
+    if film is None or film.is_empty:
+        return casts
+    casting = np.flatnonzero(casts)
+    points = points[casting]
+    # what is shaded lies beside where rays to the light start
+    beside = LIFT + OFFSET * (np.abs(points).sum(axis=1) + volume.pad)
+    radius = radius[casting] + beside
+    ends, end_radius = shadow_ends(light, points, radius + beside, floor)
+    sweep = film.rectangles(points, radius).joined(film.rectangles(ends, end_radius))
+    casts[casting] = ~film.hides(sweep)
+    return casts
 
 
 def _about(blocks: Blocks, volume: Frustum, light: Light | None) -> float:

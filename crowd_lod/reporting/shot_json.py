@@ -11,7 +11,7 @@ from ..shot.budget_points import BudgetPoint
 from ..shot.curve import of_full_detail
 from ..shot.plan_file import StoredPlan
 from ..shot.shot_cost import Bill, Shot
-from ..shot.survey import CULLED, MIRRORED, SHADOW
+from ..shot.survey import CULLED, HIDDEN, MIRRORED, SHADOW
 from ..shot.unneeded import unneeded
 from .shot_report import ShotReport
 
@@ -72,6 +72,7 @@ def shot_rows(report: ShotReport) -> list[dict[str, int | float]]:
     plan = report.plan
     meshes = report.shot.meshes
     full = [float(sizes[survey.group, 0].sum()) for sizes in (meshes.vertices, meshes.triangles)]
+    hides = bool((survey.kind == HIDDEN).any())
     rows = []
     for f, number in enumerate(survey.numbers.tolist()):
         kinds = survey.kind[f]
@@ -94,7 +95,8 @@ def shot_rows(report: ShotReport) -> list[dict[str, int | float]]:
                 "switch_pixels": round(float(plan.bill.pixels[f]), 3),
                 "thresholds_switches": int(plan.thresholds.switches[f]),
                 "thresholds_triangles": int(plan.thresholds.triangles[f]),
-                "unseen": int((kinds == CULLED).sum()),
+                "unseen": int(((kinds == CULLED) | (kinds == HIDDEN)).sum()),
+                **({"hidden": int((kinds == HIDDEN).sum())} if hides else {}),
             }
         )
     return rows

@@ -8,17 +8,17 @@ import numpy as np
 from ..format import number
 from ..shot.curve import WIDTH as HELD
 from ..shot.curve import Curve
-from ..shot.survey import CULLED, MIRRORED, SEEN, SHADOW
+from ..shot.survey import CULLED, HIDDEN, MIRRORED, SEEN, SHADOW
 from ..shot.switches import NOTHING
 from . import svg_plots as svg
 from .shot_report import ShotReport
 
 STRIP = 1180, 90  # pixels of the strip over the timeline
 PLOTS_STYLE = """
-:root { --plan: #2a6fdb; --old: #d55e00; --entry: #a0348f; --held: #12805c; --faint: #c3c9d2;
+:root { --plan: #2a6fdb; --old: #d55e00; --entry: #a0348f; --held: #12805c; --hidden: #8a8f2a; --faint: #c3c9d2;
   --grid: #e6e9ee }
 @media (prefers-color-scheme: dark) {
-  :root { --plan: #7fb0ff; --old: #ff9a4d; --entry: #e58bd6; --held: #5fd3a8; --faint: #454c58;
+  :root { --plan: #7fb0ff; --old: #ff9a4d; --entry: #e58bd6; --held: #5fd3a8; --hidden: #c9cc5a; --faint: #454c58;
     --grid: #2b2f37 } }
 .plots { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(32rem, 100%), 1fr));
   gap: 1rem; margin: 1rem 0 }
@@ -94,13 +94,16 @@ def plots_of(report: ShotReport) -> list[str]:
     triangles = (bill.agents_shown * meshes.triangles.T[:, survey.owner]).sum(axis=2)
     kinds = [
         (survey.kind == kind).sum(axis=1) / max(len(survey.group), 1) * 100
-        for kind in (SEEN, SHADOW, MIRRORED, CULLED)
+        for kind in (SEEN, SHADOW, MIRRORED, HIDDEN, CULLED)
     ]
-    names = ("seen", "shadow only", "mirror image only", "culled")
+    names = ("seen", "shadow only", "mirror image only", "hidden by scenery", "culled")
     shares = [
         svg.Series(*row)
         for row in zip(
-            names, kinds, ("var(--plan)", "var(--old)", "var(--entry)", "var(--faint)"), strict=True
+            names,
+            kinds,
+            ("var(--plan)", "var(--old)", "var(--entry)", "var(--hidden)", "var(--faint)"),
+            strict=True,
         )
     ]
     nonzero_shares = [row for row in shares if row.values.any()]

@@ -19,7 +19,7 @@ from .blur import blur_of
 from .neighbors import close_pairs
 
 # Kinds of agents in a frame.
-CULLED, SEEN, SHADOW, MIRRORED = range(4)
+CULLED, SEEN, SHADOW, MIRRORED, HIDDEN = range(5)
 EVERYONE = RadarOptions(cull=False)  # only their distances are asked for
 MOST_SCALE = float(np.finfo(np.float16).max)
 # Neighbors are looked for in every MEET_EVERY-th frame, among agents at LODs up to MEET_LEVEL, in
@@ -40,7 +40,7 @@ class Survey:
     times: (F,) float64, the same in frames of the animation.
     cuts: (F,) bool; True where another camera films than in the frame before.
     kind: (F, n) uint8, one of CULLED, SEEN, SHADOW (casts a shadow into the picture, and is not
-        seen), MIRRORED (a mirror shows it).
+        seen), MIRRORED (a mirror shows it), HIDDEN (scenery hides it and its shadow).
     coarsest: (F, n) uint8, the coarsest LOD that the policy allows. For SHADOW and MIRRORED the LOD
         that they have. 0 for culled agents.
     scale: (F, n) float16, pixels that one meter shows at the agent's nearest part, rounded up; no
@@ -231,6 +231,8 @@ def record(  # noqa: PLR0913 - what a frame tells, and what it follows
         )
     trajectory = frame.trajectory
     visible = frame.buckets.order
+    if frame.hidden is not None:
+        survey.kind[f, frame.hidden] = HIDDEN
     seconds = trajectory.seconds(frame.time)
     for kind, buckets in (
         (SHADOW, frame.shadow),

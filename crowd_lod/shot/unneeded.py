@@ -4,7 +4,7 @@ import numpy as np
 
 from ..levels.cost_model import NAMES, Work, price
 from .shot_cost import Shot
-from .survey import CULLED, MIRRORED, SHADOW
+from .survey import CULLED, HIDDEN, MIRRORED, SHADOW
 
 
 def unneeded(shot: Shot, agents: np.ndarray, names: list[str]) -> list[str]:
@@ -37,10 +37,12 @@ def unneeded(shot: Shot, agents: np.ndarray, names: list[str]) -> list[str]:
                 f"{'it' if idle == 1 else 'them'}; "
                 f"{_saves(shot, idle * triangles.sum())}."
             )
-    if never := int((survey.kind == CULLED).all(axis=0).sum()):
+    is_absent = (survey.kind == CULLED) | (survey.kind == HIDDEN)
+    if never := int(is_absent.all(axis=0).sum()):
+        behind = " or behind scenery" if (survey.kind == HIDDEN).any() else ""
         sentences.append(
-            f"{never:,} of {len(survey.group):,} agents: outside of all frames, with no shadow or "
-            f"mirror image in them."
+            f"{never:,} of {len(survey.group):,} agents: outside of all frames{behind}, with no "
+            f"shadow or mirror image in them."
         )
     return sentences
 

@@ -35,7 +35,7 @@ def as_rendered(
     temporary.append(stage)
     try:
         for item in dict.fromkeys(objects):
-            actors[item] = item if _alike(item) else _copy(item, temporary)
+            actors[item] = item if shows_alike(item) else _copy(item, temporary)
             stage.collection.objects.link(actors[item])
         yield stage, actors
     finally:
@@ -69,7 +69,8 @@ def _players(item: bpy.types.Object) -> list:
     )
 
 
-def _alike(item: bpy.types.Object) -> bool:
+def shows_alike(item: bpy.types.Object) -> bool:
+    """Return whether viewport and renders show the object alike."""
     if item.hide_viewport or any(_curves(item, player) for player in _players(item)):
         return False
     values = [

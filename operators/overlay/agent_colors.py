@@ -15,6 +15,7 @@ from .skinned_characters import Character
 # the last reasons; LODs have no more tints
 PURPLE = (0.45, 0.2, 0.75)
 BROWN = (0.25, 0.12, 0.05)
+SLATE = (0.12, 0.2, 0.28)
 ERRORS = 0.25, 0.5, 1.0, 2.0  # pixels, where the next color begins
 ERROR_TINTS = (  # from green to red
     (0.02, 0.35, 0.05),
@@ -84,7 +85,7 @@ def by_reason(frame: Frame) -> Colors:
     """
     return Colors(
         reasons(frame),
-        _opaque([*TINTS, PURPLE, BROWN]),
+        _opaque([*TINTS, PURPLE, BROWN, SLATE]),
         culled=True,
         names=tuple(reason[:1].upper() + reason[1:] for reason in REASONS),
     )

@@ -30,6 +30,7 @@ SETTINGS = (
     "drop_lost",
     "shadows",
     "unseen_level",
+    "occlusion",
     "tilt",
     "scale_textures",
 )
@@ -111,9 +112,9 @@ def _now(scene: bpy.types.Scene) -> dict[str, str]:
     trajectory = trajectory_of(scene)
     bias = bias_of(settings)
     inputs = plan_inputs(settings, trajectory, policy_of(settings), bias)
-    mirrors = settings.mirrors and settings.mirrors.name
+    homes = [home and home.name for home in (settings.mirrors, settings.see_through)]
     inputs |= {
-        "the settings": text_digest(mirrors, *(getattr(settings, name) for name in SETTINGS)),
+        "the settings": text_digest(homes, *(getattr(settings, name) for name in SETTINGS)),
         "the frame rate": text_digest(
             render.fps, render.fps_base, render.frame_map_old, render.frame_map_new
         ),

@@ -15,6 +15,7 @@ from ..blender.emission import casts, emits
 from ..blender.scenery import SOLID, Placed, matrix_of, scenery_of
 from ..characters.glow import glowing
 from .scene_crowd import policy_of
+from .scene_occluders import needs_shadows, occluders_of
 
 # lights made by nodes or instancing; more are merged into one that holds them all
 MOST_INSTANCES = 64
@@ -41,11 +42,12 @@ def read_surroundings(
     settings = scene.crowd_lod
     engine = scene.render.engine
     if not settings.shadows:
-        return Surroundings(left_out=(NOT_WANTED,))
-    if engine == "BLENDER_WORKBENCH":
-        return Surroundings(left_out=(WORKBENCH,))
+        return Surroundings(left_out=(NOT_WANTED, *needs_shadows(settings)))
     times = shutter_times(scene, time) if times is None else times
     scenery = scenery_of(scene, depsgraph)
+    occluders, refused = occluders_of(scene, scenery, depsgraph, times, at)
+    if engine == "BLENDER_WORKBENCH":
+        return Surroundings(occluders=occluders, left_out=(WORKBENCH, *refused))
     lamps = scenery.lamps(depsgraph)
     panes = [placed for placed in scenery.within(settings.mirrors) if placed[0].type == "MESH"]
     if times or depsgraph is None:
@@ -67,8 +69,9 @@ def read_surroundings(
         tuple(lights),
         tuple(mirrors),
         box,
+        occluders,
         settings.unseen_level,
-        left_out,
+        (*left_out, *refused),
         policy_of(settings).finest,
         tuple(group.name in glows for group in settings.groups) if glows else (),
     )

@@ -370,6 +370,17 @@ class CameraSettings:
         name="Mirrors",
         description="Collection of flat objects that mirror the crowd",
     )
+    occlusion: BoolProperty(
+        name="Hide Behind Scenery",
+        description="Leave out characters that opaque meshes of the scene hide from the camera, "
+        "with their shadows where nobody sees these. Estimate Cost tells what it gains",
+    )
+    see_through: PointerProperty(
+        type=bpy.types.Collection,
+        name="Hides Nobody",
+        description="Collection of scenery that hides no characters, such as what compositing "
+        "takes out",
+    )
     unseen_level: IntProperty(
         name="LOD If Unseen",
         default=MOST_LEVELS - 1,
