@@ -4,6 +4,7 @@ Prints the chapter's tables, and writes CSV, JSON and figure 1.6.
 
 ./crowd-lod bench [--quick] [--out DIR] [--seed N]
 ./crowd-lod bench --worth [--quick] [--out DIR]     renders instead: worth.py
+./crowd-lod bench --worth --characters FOLDER       planned bakes beside rivals: reach.py
 ./crowd-lod bench --shots [--quick] [--out DIR]     shot plans instead: shots.py
 ./crowd-lod bench --costs                           what things cost engines: costs.py
 ./crowd-lod bench --memory [FILE ...]               memory and files as predicted: memory.py
@@ -107,6 +108,13 @@ def make_parser() -> argparse.ArgumentParser:
         help="instead, what renders take with and without Crowd LOD: an hour",
     )
     parser.add_argument(
+        "--characters",
+        type=Path,
+        metavar="FOLDER",
+        help="with --worth: planned bakes alone, of the sample scenes' people and of the characters "
+        "(glTF, FBX) in FOLDER, beside full detail in as few phase classes: ten minutes",
+    )
+    parser.add_argument(
         "--shots",
         action="store_true",
         help="instead, shot plans beside thresholds and hysteresis: ten minutes",
@@ -151,6 +159,12 @@ def make_parser() -> argparse.ArgumentParser:
 def main(arguments: list[str] | None = None) -> None:
     parser = make_parser()
     args = parser.parse_args(arguments)
+    if args.characters is not None:
+        import reach
+
+        if not args.worth:
+            parser.error("--characters needs --worth")
+        return reach.main(files.absolute(args.out), args.characters, args.quick)
     if args.worth:
         import worth
 

@@ -1,10 +1,13 @@
-"""The crowds of worth.py: heavy characters on open ground, from a given distance on."""
+"""The crowds of worth.py and reach.py: characters on open ground, from a given distance on."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from math import sqrt
+from pathlib import Path
 
 import bmesh
 import bpy
+import lod_trial
 import numpy as np
 from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.sample_scenes.characters import BUILDS, make_characters
@@ -22,14 +25,7 @@ def make(
     the camera. pixels: of a side of the image that each has, or 0; split: of triangles with normals
     of their own, as game characters are.
     """
-    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
-    scene = bpy.context.scene
-    film(scene)
-    add(
-        child(scene, "Scenery"),
-        "Ground",
-        [(tile(-3000, -3000, 3000, 3000, -0.02), material("Ground", (0.5, 0.5, 0.48)))],
-    )
+    scene = _open_ground(meters)
     characters = child(scene, "Characters", hidden=True)
     builds = [
         replace(
@@ -47,14 +43,40 @@ def make(
         for item in characters.all_objects:
             if item.type == "MESH":
                 _split(item.data)
+    scene.crowd_lod.characters = characters
+    scene.crowd_lod.forward = "X"
+    return scene
+
+
+def gather(files: Sequence[Path], meters: float) -> bpy.types.Scene:
+    """A new file's scene of the characters in the glTF and FBX `files`, one each.
+
+    They stand `meters` and more from the camera.
+    """
+    scene = _open_ground(meters)
+    for file in files:
+        imported = lod_trial.bring(file)
+        for item in scene.objects:
+            item.select_set(item in imported)
+        bpy.ops.crowd_lod.characters_from_selection()
+    return scene
+
+
+def _open_ground(meters: float) -> bpy.types.Scene:
+    """A new file's scene without characters; its crowd begins `meters` from the camera."""
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    scene = bpy.context.scene
+    film(scene)
+    add(
+        child(scene, "Scenery"),
+        "Ground",
+        [(tile(-3000, -3000, 3000, 3000, -0.02), material("Ground", (0.5, 0.5, 0.48)))],
+    )
     scene.camera = camera(scene, "Camera", near=0.1, far=5000.0)
     height = 1.7 + 0.3 * meters
     aim(scene.camera, (-meters, 0, height), (100, 0, -0.5))
-    settings = scene.crowd_lod
-    settings.characters = characters
-    settings.forward = "X"
-    settings.frames = "30:32"
-    settings.step = 1
+    scene.crowd_lod.frames = "30:32"
+    scene.crowd_lod.step = 1
     spread(scene, 1000)
     return scene
 

@@ -38,12 +38,8 @@ TURN = 0.35  # radians, of bones without an action
 def load(path: Path, action: str) -> list[bpy.types.Object]:
     """Import a character into an empty scene, let the action play; return its mesh objects."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    importer = bpy.ops.import_scene.fbx if path.suffix == ".fbx" else bpy.ops.import_scene.gltf
-    importer(filepath=str(path))
-    scene = bpy.context.scene
-    for item in [item for item in scene.objects if item.name.startswith("Icosphere")]:
-        bpy.data.objects.remove(item)  # what the importer draws bones with
-    for rig in [item for item in scene.objects if item.type == "ARMATURE"]:
+    imported = bring(path)
+    for rig in [item for item in imported if item.type == "ARMATURE"]:
         actions = [
             each for each in bpy.data.actions if action and action.lower() in each.name.lower()
         ]
@@ -56,7 +52,19 @@ def load(path: Path, action: str) -> list[bpy.types.Object]:
                 rig.animation_data.action_slot = actions[0].slots[0]
         elif not bpy.data.actions:
             bend(rig)
-    return [item for item in scene.objects if item.type == "MESH" and len(item.data.polygons)]
+    return [item for item in imported if item.type == "MESH" and len(item.data.polygons)]
+
+
+def bring(path: Path) -> list[bpy.types.Object]:
+    """Import the character of a glTF or FBX file into the scene; return its objects."""
+    before = set(bpy.data.objects)
+    importer = bpy.ops.import_scene.fbx if path.suffix == ".fbx" else bpy.ops.import_scene.gltf
+    importer(filepath=str(path))
+    imported = [item for item in bpy.data.objects if item not in before]
+    for item in [item for item in imported if item.name.startswith("Icosphere")]:
+        imported.remove(item)
+        bpy.data.objects.remove(item)  # what the importer draws bones with
+    return imported
 
 
 def bend(rig: bpy.types.Object) -> None:

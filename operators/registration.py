@@ -14,12 +14,13 @@ from .blender import (
 )
 from .characters import characters_from_selection, give_lod, prop_button, take_action
 from .cli import commands
+from .hand_over import farm_job, sizes
 from .lod_meshes import deviation, make_lods
 from .machine import machine_buttons, machine_settings, map_areas, map_painting, state_machine_menu
 from .overlay import agent_picker, viewport_image, viewport_overlay
-from .render_setup import buttons, cost_estimate, frame_update
+from .render_setup import aovs, buttons, frame_update
 from .runs import calibrate, open_report, preview, update_all, verify_button
-from .scene import plan_verdict, populate, sample_menu, scene_crowd
+from .scene import plan_verdict, populate, sample_menu, scene_crowd, walls_button
 from .settings import (
     area_settings,
     exception_settings,
@@ -59,6 +60,7 @@ MODULES = (
     machine_buttons,
     map_painting,
     populate,
+    walls_button,
     simulate,
     record_points,
     characters_from_selection,
@@ -67,7 +69,7 @@ MODULES = (
     take_action,
     make_lods,
     deviation,
-    cost_estimate,
+    sizes,
     calibrate,
     preview,
     shot_plan,
@@ -76,7 +78,9 @@ MODULES = (
     open_report,
     viewport_image,
     buttons,
+    aovs,
     export_button,
+    farm_job,
     agent_picker,
     presets,
     popovers,

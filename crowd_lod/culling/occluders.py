@@ -29,7 +29,7 @@ class Shape:
     components: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # compared by identity
 class Occluders:
     """Scenery at one time.
 

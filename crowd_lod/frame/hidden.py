@@ -69,3 +69,14 @@ def _hidden_agents(frame: Frame, maps: Sequence[Maps]) -> np.ndarray:
             radius = moment.radius[crowd.group[agents]]
             agents = agents[film.hides(film.rectangles(points, radius))]
     return agents
+
+
+def hidden_wholly(frame: Frame) -> int:
+    """Return how many agents scenery hides with their shadows and mirror images."""
+    if frame.hidden is None:
+        return 0
+    hidden = frame.hidden.copy()
+    for unseen in (frame.shadow, frame.mirrored):
+        if unseen is not None:
+            hidden[unseen.order] = False
+    return int(hidden.sum())

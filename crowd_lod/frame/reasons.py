@@ -20,8 +20,8 @@ REASONS = (
     "finer LODs left out for memory",
     "shot plan",
     "override",
-    "not there at this time",
     "hidden by scenery",
+    "not there at this time",
 )
 (
     NEAR_ENOUGH,
@@ -34,8 +34,8 @@ REASONS = (
     LEFT_OUT,
     SHOT_PLAN,
     EXCEPTION,
-    ABSENT,
     BEHIND_SCENERY,
+    ABSENT,
 ) = range(len(REASONS))
 
 

@@ -5,6 +5,7 @@ See docs/farm.md. The format: github.com/OpenJobDescription/openjd-specification
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 Step = dict[str, Any]
@@ -19,7 +20,7 @@ class FarmJob:
     """What a farm is to do.
 
     name: of the job.
-    scene: path of the scene. All output goes into the template's folder.
+    scene: path of the scene's file, absolute or beside the template. All output goes into the template's folder.
     frames: first, last and step.
     chunk: frames of a task.
     preview: whether frames are previewed; they are rendered if not.
@@ -52,7 +53,7 @@ def template(job: FarmJob) -> dict[str, Any]:
 def _parameters(job: FarmJob) -> list[dict[str, Any]]:
     first, last, step = job.frames
     parameters = [
-        _path("Scene", "FILE", "IN", None, "The scene with the crowd"),
+        _path("Scene", "FILE", "IN", _beside(job), "The scene with the crowd"),
         _path("OutputDir", "DIRECTORY", "OUT", ".", "The folder for plan, frames and report"),
         {"name": "FirstFrame", "type": "INT", "default": first},
         {"name": "LastFrame", "type": "INT", "default": last},
@@ -117,7 +118,14 @@ def _path(name: str, kind: str, flow: str, default: str | None, about: str) -> d
 
 def values(job: FarmJob) -> dict[str, Any]:
     """Return the values of parameters without a default, as in a bundle's parameter_values.json."""
+    if _beside(job):
+        return {"parameterValues": []}
     return {"parameterValues": [{"name": "Scene", "value": job.scene}]}
+
+
+def _beside(job: FarmJob) -> str | None:
+    """Return the name of a scene's file beside the template; None for one elsewhere."""
+    return None if Path(job.scene).is_absolute() else job.scene
 
 
 def _render_steps(job: FarmJob) -> list[Step]:

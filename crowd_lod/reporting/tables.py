@@ -12,6 +12,7 @@ import numpy as np
 from ..errors import CrowdError
 from ..format import printable
 from ..frame.frame import Frame
+from ..frame.hidden import hidden_wholly
 from ..shot.switches import NOTHING
 
 PLAN_VERSION = 2  # of plan.json
@@ -42,10 +43,7 @@ def row(number: int, frame: Frame, more: dict[str, float]) -> dict[str, int | fl
         if b is not None
     }
     if frame.hidden is not None:
-        hidden = frame.hidden.copy()
-        for buckets in filter(None, (frame.shadow, frame.mirrored)):
-            hidden[buckets.order] = False
-        unseen["hidden"] = int(hidden.sum())
+        unseen["hidden"] = hidden_wholly(frame)
     stages = {f"{name}_ms": round(ms, 3) for name, ms in (frame.milliseconds | more).items()}
     return {
         "frame": number,

@@ -16,6 +16,7 @@ TITLES = {
     "verify": "Verify",
     "bake": "Bake",
     "usd": "Export USD",
+    "farm": "Farm Job",
 }
 
 

@@ -12,7 +12,7 @@ from ..blender.labeled_properties import EnumProperty
 from ..blender.operator import Reporting
 from .characters import groups_in
 from .selection_reading import Reading, is_fixed, read_selection
-from .take_action import take_walks
+from .walk_choice import take_walks
 
 MOST_NAMES = 6  # in a message
 MOST_LINES = 20  # in the list of what is read
@@ -190,7 +190,7 @@ class CROWDLOD_OT_characters_from_selection(Reporting, bpy.types.Operator):
         brought = [_bring(scene, top, *pair) for pair in reading.instanced.items()]
         finest = [*(group.owner for group in Reading(moved, {}).groups()), *brought]
         many = f"{len(finest)} characters" if len(finest) > 1 else "A character"
-        walks = [note for items in moved.values() for note in take_walks(items)]
+        walks = [note for items in moved.values() for note in take_walks(scene, items)]
         notes = [*walks, *_given_notes(scene, top, moved), *_instance_notes(reading), *notes]
         return " ".join([f"{many} in the collection {top.name}: {_listed(finest)}.", *notes])
 

@@ -88,34 +88,26 @@ def nodding(scene: bpy.types.Scene) -> dict[str, tuple[bpy.types.Object, Fit]]:
 
 
 def walk_of(rig: bpy.types.Object) -> Fit | None:
-    """Return the walk among the rig's own actions, if the rig plays another of them; else None.
+    """Return the walk, by its name, among the rig's own actions, if it plays another; else None."""
+    walks = [action for action in other_actions(rig) if WALKS.search(action.name)]
+    walks.sort(key=lambda action: (len(action.name), action.name.casefold()))
+    return next((fit for action in walks if (fit := fit_of(rig, action, [])) is not None), None)
+
+
+def other_actions(rig: bpy.types.Object) -> list[bpy.types.Action]:
+    """Return the rig's own actions besides the one that it plays; none if that walks by its name.
 
     Its own are those that an importer kept with it: in muted NLA tracks, or called after the rig.
     """
     data = rig.animation_data
     if data is None or data.action is None or WALKS.search(data.action.name):
-        return None
+        return []
     muted = [strip.action for track in data.nla_tracks if track.mute for strip in track.strips]
     called = [action for action in bpy.data.actions if action.name.startswith(f"{rig.name}|")]
     own_actions = {*filter(None, muted), *called}
     if data.action not in own_actions:
-        return None
-    walks = [action for action in own_actions if WALKS.search(action.name)]
-    walks.sort(key=lambda action: (len(action.name), action.name.casefold()))
-    return next((fit for action in walks if (fit := fit_of(rig, action, [])) is not None), None)
-
-
-def take_walks(items: Sequence[bpy.types.Object]) -> Iterator[str]:
-    """Let the rigs among the items play the walk of their file; yield a sentence on each."""
-    for rig in armatures_of(items):
-        fit = walk_of(rig)
-        if fit is not None:
-            before = rig.animation_data.action.name
-            action = take(rig, fit)
-            yield (
-                f"{rig.name} plays {action.name} of its file's actions, by whose name it walks, "
-                f"in place of {before}."
-            )
+        return []
+    return sorted(own_actions - {data.action}, key=lambda action: action.name.casefold())
 
 
 def _walks(crowd: bpy.types.PropertyGroup) -> bool:

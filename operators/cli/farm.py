@@ -5,11 +5,8 @@ See docs/farm.md.
 
 import json
 import re
-import shutil
-import sys
 from collections.abc import Sequence
 from html import escape
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -17,46 +14,19 @@ import bpy
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
-from ...crowd_lod.frame.frame_range import frames_are, parse_frames, shot_frames, spread_evenly
+from ...crowd_lod.frame.frame_range import frames_are, parse_frames, spread_evenly
 from ...crowd_lod.reporting import file_checks, files, tables
-from ...crowd_lod.reporting.farm_job import FarmJob, template, values
 from ...crowd_lod.reporting.html_report import STYLE, cards, document, table_of
 from ...crowd_lod.reporting.plan_comparison import MOST_FIGURE
 from ..blender import image_data
+from ..hand_over.farm_job import check_file, job_of, job_sentence, write_job
 from .options import add_command, add_out, add_scene
 from .scene_files import open_scene
 
-FLAMENCO = Path(__file__).with_name("flamenco_job.js")
 MOST_SHOWN = 24  # frames on the contact sheet
 WIDTH = 480  # pixels of a picture on it, at least
-# characters that paths must not have: controls, and bytes that are no text
-UNFIT = re.compile(r"[\x00-\x1f\x7f-\x9f\ud800-\udfff]")
 PICTURES = (".png", ".exr", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp")
 COLUMNS = ("frame", "agents", "visible", "culled", "triangles", "full_triangles")
-
-# The script that renders a chunk, in plain Blender with the baked file open. Its arguments after
-# "--": frames (1-10, 1-41:10 or 5,9), engine, folder.
-RENDER = """import sys
-
-import bpy
-
-frames, engine, folder = sys.argv[sys.argv.index("--") + 1 :]
-scene = bpy.context.scene
-eevee = "BLENDER_EEVEE" if bpy.app.version >= (5, 0, 0) else "BLENDER_EEVEE_NEXT"
-if engine != "SCENE":
-    scene.render.engine = {"EEVEE": eevee, "WORKBENCH": "BLENDER_WORKBENCH"}.get(engine, engine)
-if scene.render.is_movie_format:
-    scene.render.image_settings.file_format = "PNG"
-scene.render.use_overwrite, scene.render.use_placeholder = True, False
-scene.render.filepath = folder + "/frames/"
-for piece in frames.split(","):
-    span, _, step = piece.partition(":")
-    first, _, last = span[1:].partition("-")
-    scene.frame_start = int(span[0] + first)
-    scene.frame_end = int(last or span[0] + first)
-    scene.frame_step = int(step or 1)
-    bpy.ops.render.render(animation=True)
-"""
 
 
 def add_job(commands, program: str) -> None:
@@ -65,7 +35,7 @@ def add_job(commands, program: str) -> None:
         commands,
         program,
         "job",
-        write_job,
+        run_job,
         "write a job for render farms: an Open Job Description template, and a job type for "
         "Flamenco",
         "job plaza.blend --frames 1:120 --chunk 10 --out plaza_job",
@@ -84,83 +54,29 @@ def add_job(commands, program: str) -> None:
     add_out(command, "DIR", "the folder for the job and its output (default: SCENE_job)")
 
 
-def write_job(args, command: Sequence[str]) -> dict[str, Any]:
+def run_job(args, command: Sequence[str]) -> dict[str, Any]:
     """Run the command job: write an Open Job Description template, and a job type for Flamenco."""
     if args.chunk < 1:
         raise CrowdError(f"A task has {args.chunk} frames: give --chunk a whole number from 1 on.")
     scene = open_scene(args.scene)
     path = Path(bpy.data.filepath)
-    starts = _command()
-    _check_scene(scene, path, starts[0])
+    check_file(scene, path)
     step = args.step
     if step is None:
         step = scene.crowd_lod.step if args.preview else scene.frame_step
     frames = parse_frames(args.frames or f"{scene.frame_start}:{scene.frame_end}", step)
-    gaps = {after - before for before, after in pairwise(frames)} or {1}
-    if len(gaps) > 1:
-        raise CrowdError(
-            f"A job takes a range of frames: give --frames as A:B, and --step, not {args.frames}."
-        )
+    job = job_of(scene, printable(path), frames, args.chunk, args.preview)
     folder = files.absolute(args.out or Path(f"{path.stem}_job"))
-    name = f"{path.stem}: {'preview' if args.preview else 'render'} of a crowd"
-    job = FarmJob(
-        name,
-        printable(path),
-        (frames[0], frames[-1], *gaps),
-        args.chunk,
-        args.preview,
-        RENDER,
-        starts,
-    )
     with files.staged(folder, "template.json", "parameter_values.json", "crowd_lod.js") as part:
-        (part / "template.json").write_text(
-            json.dumps(template(job), indent=2) + "\n", encoding="utf-8"
-        )
-        (part / "parameter_values.json").write_text(
-            json.dumps(values(job), indent=2) + "\n", encoding="utf-8"
-        )
-        shutil.copyfile(FLAMENCO, part / "crowd_lod.js")
+        write_job(job, part)
     out = printable(folder)
-    tasks = -(-len(frames) // args.chunk)
-    steps = f" in steps of {step}" if (step := job.frames[2]) > 1 else ""
-    summary = (
-        f"{shot_frames(frames).capitalize()}{steps}: {counted(tasks, 'task')} of up to "
-        f"{counted(args.chunk, 'frame')}."
-    )
     return {
         "out": out,
         "frames": [frames[0], frames[-1]],
-        "step": step,
-        "tasks": tasks,
-        "summary": f"{summary}\n{out}",
+        "step": job.frames[2],
+        "tasks": -(-len(frames) // args.chunk),
+        "summary": f"{job_sentence(job)}\n{out}",
     }
-
-
-def _check_scene(scene: bpy.types.Scene, path: Path, program: str) -> None:
-    """Raise CrowdError unless a farm can open the scene's file `path` with `program`."""
-    if scene.crowd_lod.characters is None:
-        raise CrowdError(
-            f"The scene {scene.name} has no crowd: choose its characters in the Crowd panel, and "
-            f"save it."
-        )
-    if not path.is_file():
-        raise CrowdError(
-            "A farm opens the scene as a file: save it, or write the sample with the command "
-            "sample."
-        )
-    for place in (str(path), program):
-        if UNFIT.search(place):
-            raise CrowdError(
-                f"The path {printable(place)} has a line break or another character that a job "
-                f"cannot hold: rename it, and open it again."
-            )
-
-
-def _command() -> tuple[str, ...]:
-    """Return the words that start Crowd LOD's commands on a machine like this one."""
-    if bpy.app.binary_path:
-        return bpy.app.binary_path, "--background", "--command", "crowd_lod"
-    return (str(Path(sys.executable).with_name("crowd-lod")),)
 
 
 def assemble_frames(folder: Path, frames: Sequence[int], command: Sequence[str]) -> dict[str, Any]:

@@ -5,7 +5,7 @@ transparent elsewhere. So no frame reads a mesh, and changes are found by compar
 the painted map. The image is made at Populate, by a button, and when a mesh is moved or edited.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import bpy
 import numpy as np
@@ -31,6 +31,17 @@ def cells_of(size: tuple[float, float], longer: int) -> tuple[int, int]:
     width, depth = size
     cell = max(width, depth) / longer
     return max(1, round(depth / cell)), max(1, round(width / cell))
+
+
+def add_areas(crowd, items: Sequence[bpy.types.Object], label: str) -> None:
+    """Add an area with the label for each of the objects that no area has yet."""
+    taken = {item for entry in crowd.areas for item in meshes_in(entry)}
+    for item in items:
+        if item not in taken:
+            entry = crowd.areas.add()
+            entry.name = item.name
+            entry.object = item
+            entry.label = label
 
 
 def meshes_in(entry) -> list[bpy.types.Object]:
@@ -62,7 +73,7 @@ def make(crowd, depsgraph: bpy.types.Depsgraph) -> int:
                 f"state machine has none such: "
                 f"choose one of {', '.join(machine.labels)}."
             )
-        shapes = list(_triangles(meshes_in(entry), depsgraph))
+        shapes = list(triangles_in(meshes_in(entry), depsgraph))
         if not shapes:
             raise CrowdError(
                 f"The area {entry.name} has no object with a surface: choose a mesh, or a "
@@ -100,7 +111,7 @@ def _store(crowd, pixels: np.ndarray) -> None:
         bpy.data.images.remove(old)
 
 
-def _triangles(
+def triangles_in(
     items: list[bpy.types.Object], depsgraph: bpy.types.Depsgraph
 ) -> Iterator[np.ndarray]:
     """Yield the triangles (n, 3, 2) of each shape of the objects, world x and y."""

@@ -5,9 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...crowd_lod.crowd.leave_outs import LeftOut
 from ...crowd_lod.culling.camera import Camera
+from ...crowd_lod.culling.occluders import Occluders
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame import Frame
+from ...crowd_lod.frame.hidden import hide
 from ...crowd_lod.frame.hysteresis import hold_levels
 from ...crowd_lod.frame.request import Request
 from ...crowd_lod.levels.assignment import Bias, LevelPolicy
@@ -16,9 +19,11 @@ from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_cache, scene_data
 from ..blender.cameras import read_cameras
 from ..blender.image_data import LOOK_AGAIN
+from ..blender.scenery import scenery_of
 from ..characters.stored_groups import groups_of
 from ..machine.scene_world import bias_of
 from ..scene.scene_crowd import policy_of, trajectory_of
+from ..scene.scene_occluders import occluders_of
 from ..scene.shot_exceptions import overlay_inputs
 from ..scene.shot_reference import reference, use_of
 from ..sources.crowd_sources import inputs_of, live
@@ -69,6 +74,8 @@ class Display:
 class _View:
     """What the next frame of a viewport is made from, besides the crowd.
 
+    occluders: scenery that may hide agents from the scene's camera; None hides nobody.
+    refused: why other scenery may not.
     region: the viewport's region if its own view plans the crowd; None if the scene's camera does.
     eyes: the cameras that the plan is for.
     shutter: read_shutter's answer; () without motion blur, or while it is not known.
@@ -84,6 +91,8 @@ class _View:
     characters: tuple
     notes: tuple[str, ...]
     inputs: tuple
+    occluders: Occluders | None = None
+    refused: tuple[LeftOut, ...] = ()
 
 
 def _view_of(context) -> _View:
@@ -98,6 +107,9 @@ def _view_of(context) -> _View:
     shutter: tuple = ()
     if region is None and not live(settings):
         key, shutter = open_shutter(scene, time, eyes)
+    occluders, refused = None, ()
+    if region is None and settings.occlusion:
+        occluders, refused = occluders_of(scene, scenery_of(scene, depsgraph), depsgraph, (), None)
     style, characters, notes = style_of(scene, policy.count)
     notes = missing_groups(settings) or notes  # LODs are made for the names that Populate gives
     inputs = (
@@ -112,9 +124,21 @@ def _view_of(context) -> _View:
         round(settings.overlay_fade, 6),
         reference(settings),
         *overlay_inputs(settings),
+        # parts that have not changed are the same occluders (blender/occluders.py)
+        occluders,
     )
     return _View(
-        region, tuple(eyes), policy, time, tuple(shutter), style, characters, notes, inputs
+        region,
+        tuple(eyes),
+        policy,
+        time,
+        tuple(shutter),
+        style,
+        characters,
+        notes,
+        inputs,
+        occluders,
+        refused,
     )
 
 
@@ -184,7 +208,8 @@ def _plan_frame(settings, view: _View, trajectory: Trajectory, bias: Bias | None
     request = Request(
         time=view.time, eyes=view.eyes, policy=view.policy, shutter=view.shutter, bias=bias
     )
-    return use.applied(_faster.plan_of(trajectory, request))
+    frame, _ = hide(_faster.plan_of(trajectory, request), view.occluders)
+    return use.applied(replace(frame, left_out=(*frame.left_out, *view.refused)))
 
 
 def _upload(

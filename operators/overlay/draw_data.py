@@ -14,6 +14,7 @@ from .agent_colors import Colors, by_level
 
 # Linear RGBA.
 CULLED = (0.45, 0.45, 0.45, 0.6)
+HIDDEN = (0.12, 0.2, 0.28, 0.9)  # agents that scenery hides
 FRUSTUM = (0.9, 0.75, 0.0, 1.0)
 CULLED_SIZE = 0.6  # of a visible agent's
 # points: of a larger crowd every so many-th agent shows where it is culled, in all frames the same
@@ -112,6 +113,8 @@ def drawing(
     tints = np.empty((len(order), 4), np.float32)
     tints[:visible] = colors.palette[colors.index[order[:visible]]]
     tints[visible:] = CULLED
+    if frame.hidden is not None:
+        tints[visible:][frame.hidden[culled]] = HIDDEN
     if colors.culled:
         tints[visible:, :3] = colors.palette[colors.index[order[visible:]], :3]
 

@@ -20,6 +20,8 @@ STAGES = {
     "culling": "Culling",
     "levels": "Levels",
     "sorting": "Sorting",
+    "occlusion": "Occlusion",
+    "surroundings": "Shadows",
     "drawing": "Drawing",
 }
 # sRGB

@@ -127,8 +127,8 @@ def mark(scene: bpy.types.Scene, frames: Sequence[int]) -> None:
 def keep_what_renders(scene: bpy.types.Scene) -> str:
     """Remove from the file what renders of the baked `scene` do not need.
 
-    These are the LOD meshes, and the characters if they are hidden and nothing else uses them. The
-    scene cannot be built again afterwards. Returns a sentence on it.
+    These are the LOD meshes, actions that nothing plays, and the characters if they are hidden and
+    nothing else uses them. The scene cannot be built again afterwards. Returns a sentence on it.
     """
     settings = scene.crowd_lod
     if not scene_data.is_shared(scene, "levels"):
@@ -139,10 +139,14 @@ def keep_what_renders(scene: bpy.types.Scene) -> str:
         settings.build.pop(HIDDEN, None)
         characters = settings.characters
         settings.characters = None
+        bpy.data.batch_remove(_markers(characters))
         for parent in (*bpy.data.collections, *(each.collection for each in bpy.data.scenes)):
             if parent.library is None and characters in parent.children.values():
                 parent.children.unlink(characters)
     bpy.data.orphans_purge(do_local_ids=True, do_linked_ids=True, do_recursive=True)
+    # importers give actions a fake user, and a dance of 546 frames takes 30 MB of a render
+    idle = [action for action in bpy.data.actions if action.users == action.use_fake_user]
+    bpy.data.batch_remove(idle)
     stay = f" The characters are still in it: {needed}." if needed else ""
     return (
         f"The file holds only what its frames need to render; to build again, open the file "
@@ -150,12 +154,22 @@ def keep_what_renders(scene: bpy.types.Scene) -> str:
     )
 
 
+def _markers(characters: bpy.types.Collection) -> set[bpy.types.Object]:
+    """Return the empties below objects of the `characters`, which no render shows.
+
+    Importers put them at the ends of bones, into the scene's own collection.
+    """
+    below = {child for item in characters.all_objects for child in item.children_recursive}
+    return {item for item in below if item.type == "EMPTY" and item.instance_collection is None}
+
+
 def _used(characters: bpy.types.Collection) -> str:
     """Return what else uses the `characters` or their objects; "" if nothing does.
 
-    Their own collections and scenes do not count.
+    Their own collections, scenes and markers do not count.
     """
     inside = {characters, *characters.children_recursive, *characters.all_objects}
+    inside |= _markers(characters)
     homes = bpy.types.Collection | bpy.types.Scene | bpy.types.Screen | bpy.types.WindowManager
     users = {user for each in bpy.data.user_map(subset=inside).values() for user in each} - inside
     names = sorted(user.name for user in users if not isinstance(user, homes))

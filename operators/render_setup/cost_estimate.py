@@ -14,6 +14,7 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import number as figure
 from ...crowd_lod.frame.frame import Frame, plan
 from ...crowd_lod.frame.frame_range import shot_frames, spread_evenly
+from ...crowd_lod.frame.hidden import hidden_wholly
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.shadows import surrounded
 from ...crowd_lod.levels.assignment import LevelPolicy, deviations
@@ -31,14 +32,12 @@ from ...crowd_lod.progress import aside, share, standing
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import frame_stepping, scene_data
 from ..blender.machine_costs import costs_of
-from ..blender.operator import Stepwise
 from ..characters.holdings import holdings_of
 from ..characters.stored_groups import groups_of
 from ..lod_meshes.selection import MOST_FRAMES, cast_of
 from ..machine.scene_world import bias_of
 from ..scene import lights
 from ..scene.scene_crowd import characters_of, home_of, policy_of, trajectory_of
-from ..settings import needs
 from ..sources.record_points import on_record
 from .frame_update import members
 from .render_setup import check_levels
@@ -48,6 +47,7 @@ FULL = "Full Detail"
 CHOICES = {"BY_RATIO": "By Ratio", "BY_TOLERANCE": "By Tolerance"}
 # of the square about its bounding sphere in the picture that a character covers, roughly
 COVERS = 0.15
+LEAST_HIDDEN = 0.1  # part of the agents in the picture below which hiding them gains little
 
 
 @dataclass(frozen=True)
@@ -70,12 +70,15 @@ class Estimate:
     costs: of the engine, on the machine that renders.
     frames: those of the shot.
     looked_at: those of them that were planned.
+    hidden: part of the agents in the picture that scenery hides with their shadows; None if that is
+        not asked for.
     """
 
     works: dict[str, Work]
     costs: Costs
     frames: Sequence[int]
     looked_at: Sequence[int]
+    hidden: float | None = None
 
     @cached_property
     def prices(self) -> dict[str, Price]:
@@ -131,8 +134,18 @@ class Estimate:
         )
         return (
             f"The crowd takes in {NAMES[self.costs.engine]}, {shot_frames(self.frames)}: {costs}. "
-            f"Time is by costs of {self.costs.basis}."
+            f"Time is by costs of {self.costs.basis}.{self._gain}"
         )
+
+    @property
+    def _gain(self) -> str:
+        """A sentence on what Hide Behind Scenery gains, or ""."""
+        if self.hidden is None:
+            return ""
+        gain = f" Scenery hides {self.hidden:.0%} of the agents in the picture"
+        if self.hidden < LEAST_HIDDEN:
+            return f"{gain}, which gains next to nothing: switch off Hide Behind Scenery."
+        return f"{gain}."
 
 
 def choices_of(settings) -> dict[str, Choice]:
@@ -225,7 +238,7 @@ def estimate(
                 packed=float(packed),
             )
             works[f"{name}, Baked" if baked and not known else name] = work
-    return Estimate(works, costs_of(scene), frames, looked_at)
+    return Estimate(works, costs_of(scene), frames, looked_at, views.hidden)
 
 
 class _Seen(NamedTuple):
@@ -233,10 +246,12 @@ class _Seen(NamedTuple):
 
     agents_shown: by the name of a choice of LODs, how many agents show each, (F, K, L); see work_of.
     rays: (F,) float64, samples of the pixels that agents cover.
+    hidden: part of the agents in the picture that scenery hides with their shadows, or None.
     """
 
     agents_shown: dict[str, np.ndarray]
     rays: np.ndarray
+    hidden: float | None
 
 
 def _look_at(
@@ -250,6 +265,8 @@ def _look_at(
     samples = scene_data.samples_of(scene)
     agents_shown: dict[str, list[np.ndarray]] = {name: [] for name in choices}
     rays = []
+    gone = 0
+    in_picture = 0
     with frame_stepping.step_frames(scene) as at:
         for number_done, number in enumerate(numbers):
             time = scene_data.remap(scene.render, number)
@@ -264,8 +281,12 @@ def _look_at(
                 frame = yield from aside(partial(surrounded, planning, around))
                 agents_shown[name].append(_shown(frame, library, trajectory, choice.policy.count))
             rays.append(samples * covered(frame, scene))
+            gone += hidden_wholly(frame)
+            in_picture += hidden_wholly(frame) + len(frame.buckets.order)
             yield (number_done + 1) / len(numbers)
-    return _Seen({name: np.array(counts) for name, counts in agents_shown.items()}, np.array(rays))
+    counts = {name: np.array(rows) for name, rows in agents_shown.items()}
+    share_hidden = gone / max(in_picture, 1) if settings.occlusion else None
+    return _Seen(counts, np.array(rays), share_hidden)
 
 
 def _shown(frame: Frame, library: Library, trajectory: Trajectory, count: int) -> np.ndarray:
@@ -324,22 +345,3 @@ def covered_pixels(render: bpy.types.RenderSettings, radius: np.ndarray) -> floa
     """
     pixels = render.resolution_x * render.resolution_y * (render.resolution_percentage / 100) ** 2
     return float(min(pixels, COVERS * ((2 * radius) ** 2).sum()))
-
-
-class CROWDLOD_OT_estimate(Stepwise, bpy.types.Operator):
-    """Estimate memory, file size and render time for each way to choose LODs"""
-
-    bl_idname = "crowd_lod.estimate"
-    bl_label = "Estimate Cost"
-    needs = (
-        needs.crowd,
-        needs.camera,
-    )
-
-    def steps(self, context) -> Generator[float, None, str]:
-        found = yield from estimate(context.scene, context.scene.crowd_lod)
-        context.scene.crowd_lod.estimate = found.table
-        return found.sentence
-
-
-CLASSES = (CROWDLOD_OT_estimate,)

@@ -320,7 +320,7 @@ def dress_all(scene: bpy.types.Scene) -> None:
             continue
         modifier = _modifier_of(points)
         modifier.node_group = tree
-        for name, value in {**inputs, "Characters": shelves[level]}.items():
+        for name, value in {**inputs, "Characters": shelves[level], "LOD": level}.items():
             scene_data.set_node_input(modifier, name, value)
         points.update_tag()
 

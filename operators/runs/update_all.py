@@ -29,10 +29,10 @@ from ..render_setup.render_setup import BAKED
 from ..scene.scene_crowd import policy_of, trajectory_of
 from ..scene.shot_reference import CAMERA, changes_since_plan, reference, stored_plan
 from ..settings import needs
+from ..shot.planned_cameras import note_cameras, plans_these_cameras
 from ..shot.shot_plan import plan_of_settings, requested_of, wanted_of
 from ..sources.crowd_sources import live
 
-CAMERAS = "crowd_lod_shot_cameras"  # custom property of the scene: what moved its planned cameras
 LOOK = 1.0  # seconds between two looks of the sidebar
 SHARE = 0.05  # of the time that the looks may take
 # what plan.json has of a plan's settings, in words
@@ -102,7 +102,7 @@ def _changes_of_plan(scene: bpy.types.Scene, thorough: bool) -> Generator[float,
     changes = yield from changes_since_plan(
         scene, trajectory, policy_of(settings), bias_of(settings), films=thorough
     )
-    if not thorough and scene.get(CAMERAS) != _cameras_of_plan(scene):
+    if not thorough and not plans_these_cameras(scene):
         changes.append(CAMERA)
     if stored.numbers.tolist() != list(scene_data.frames_of(scene)):
         changes.append("the frames")
@@ -125,11 +125,6 @@ def _requested_before(settings) -> dict[str, Any]:
         _requested.clear()
         _requested[key] = request
     return _requested[key] or requested_of(wanted_of(settings.id_data, key[0].parent, ()))
-
-
-def _cameras_of_plan(scene: bpy.types.Scene) -> str:
-    """Return a text that tells the scene's plan and cameras from others."""
-    return provenance.text_digest(reference(scene.crowd_lod), staleness.camera_motion(scene))
 
 
 def _reason_to_build(scene: bpy.types.Scene, thorough: bool) -> Generator[float, None, str]:
@@ -225,7 +220,7 @@ def update_all(
             yield from standing(reading_afresh(scene), end)
         begin = end
     if scene.crowd_lod.shot_plan:
-        scene[CAMERAS] = _cameras_of_plan(scene)
+        note_cameras(scene)
     look_again(scene)
     return sentences
 

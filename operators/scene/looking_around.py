@@ -24,7 +24,7 @@ class Around:
 
     ground: (n,) world z of the ground under a place, or over it where there is none below; NaN
         without any.
-    names: the object that is the ground of each place; "" without any.
+    names: the object that is the ground of each place; "" without any, and within a wall.
     walls: name of a closed object -> the places within it, (n,) bool.
     """
 
@@ -32,15 +32,22 @@ class Around:
     names: list[str]
     walls: dict[str, np.ndarray] = field(default_factory=dict)
 
+    @property
+    def within(self) -> np.ndarray:
+        """(n,) bool, which places are within a closed object."""
+        return np.any([np.zeros(len(self.ground), bool), *self.walls.values()], axis=0)
+
 
 @dataclass
-class _Shape:
+class Shape:
     """A mesh as it stands in the world, evaluated.
 
     matrix: to the world; box: its corners in the world, (8, 3).
+    owner: the object of the scene that it is, or that instances it.
     """
 
     item: bpy.types.Object
+    owner: bpy.types.Object
     name: str
     matrix: Matrix
     box: np.ndarray
@@ -63,7 +70,7 @@ def look_around(
     above = np.full(len(places), np.inf)
     names = [["", ""] for _ in places]
     around = Around(np.full(len(places), np.nan), [])
-    for shape in _shapes(depsgraph, places, left_out):
+    for shape in shapes_near(depsgraph, places, left_out):
         low = shape.box.min(axis=0)
         high = shape.box.max(axis=0)
         under = ((places[:, :2] >= low[:2]) & (places[:, :2] <= high[:2])).all(axis=1)
@@ -83,13 +90,16 @@ def look_around(
                 around.walls[shape.name] = inside | around.walls.get(shape.name, False)
     is_below = np.isfinite(below)
     around.ground = np.where(is_below, below, np.where(np.isfinite(above), above, np.nan))
-    around.names = [pair[0] or pair[1] for pair in names]
+    around.names = [
+        "" if stands_within else pair[0] or pair[1]
+        for pair, stands_within in zip(names, around.within, strict=True)
+    ]
     return around
 
 
-def _shapes(
+def shapes_near(
     depsgraph: bpy.types.Depsgraph, places: np.ndarray, left_out: Container[bpy.types.Object]
-) -> Iterator[_Shape]:
+) -> Iterator[Shape]:
     """Yield the meshes that stand above or below one of the places; each holds until the next."""
     least = places[:, :2].min(axis=0)
     most = places[:, :2].max(axis=0)
@@ -122,10 +132,10 @@ def _shapes(
         key = item.data.as_pointer()
         if key not in solids:
             solids[key] = is_closed(item.data)
-        yield _Shape(item, item.original.name, matrix, box, solids[key])
+        yield Shape(item, owner, item.original.name, matrix, box, solids[key])
 
 
-def _hits(shape: _Shape, start: Vector, way: Vector) -> Iterator[tuple[Vector, Vector]]:
+def _hits(shape: Shape, start: Vector, way: Vector) -> Iterator[tuple[Vector, Vector]]:
     """Yield (place, normal) of each surface of a mesh along a ray, all in its own space."""
     onward = way.normalized() * (
         ONWARD * max(max(map(abs, corner)) for corner in shape.item.bound_box)
@@ -139,7 +149,7 @@ def _hits(shape: _Shape, start: Vector, way: Vector) -> Iterator[tuple[Vector, V
 
 
 def _ground(
-    shape: _Shape, place: tuple[float, float, float], side: int, room: float = np.inf
+    shape: Shape, place: tuple[float, float, float], side: int, room: float = np.inf
 ) -> float | None:
     """Return the world z of the first ground above (`side` 1) or below (-1) a place, or None.
 
@@ -161,7 +171,7 @@ def _ground(
     return None
 
 
-def _inside(shape: _Shape, places: np.ndarray, under: np.ndarray) -> np.ndarray:
+def _inside(shape: Shape, places: np.ndarray, under: np.ndarray) -> np.ndarray:
     """Return which of the places (n, 3) lie within a closed mesh, (n,) bool.
 
     under: (n,) bool, the places to look at; all others count as outside.

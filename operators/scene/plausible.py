@@ -20,11 +20,13 @@ from ..characters.character_extent import unknown
 from ..characters.characters import characters_of
 from ..characters.rig_needs import POSES, refusal, stands_for
 from .looking_around import look_around
+from .obstacles import WALLS, find_obstacles
 
 # times the largest sphere's radius, where a sphere is not known to hold its whole character
 MARGIN = 1.5
 MOST_LOOKED_AT = 200  # agents of a crowd that are compared with the scene about them
 MOST_STEPS = 1_000_000  # steps between rows of a file whose speeds are judged
+MOST_NAMES = 4  # of obstacles, in a sentence
 TIMES = 3  # moments of a file at which its agents are compared with the scene
 
 
@@ -155,13 +157,14 @@ def _around(
     """Yield sentences on agents off the ground that the scene has, and within its walls."""
     scene = crowd.id_data
     meters = scene_data.meters(scene)
-    places = _places(part)
+    places = places_of(part)
     if not len(places):
         return
     height = float(np.median([group.height for group in groups])) / 2 or 1.0 / meters
     left_out = {crowd.points, *scene.crowd_lod.characters.all_objects}
     around = look_around(depsgraph, places, height, meters, left_out)
-    within = np.any([np.zeros(len(places), bool), *around.walls.values()], axis=0)
+    within = around.within
+    obstacles = find_obstacles(crowd, depsgraph, part, places, around.names)
     if not isinstance(part.heights, Terrain):
         above = np.where(within, np.nan, places[:, 2] - around.ground)
         for finding in judge.check_ground(above * meters):
@@ -172,7 +175,9 @@ def _around(
                 f"{finding.share:.0%} of the agents stand {number(finding.value)} m {side} the "
                 f"ground {ground}: choose it as Terrain Object, or change the z of Center."
             )
-    if within.any():
+    if obstacles:
+        yield _walked_through([item.name for item in obstacles], float(within.mean()))
+    elif within.any():
         names = sorted(around.walls, key=lambda name: -np.count_nonzero(around.walls[name]))
         remedy = (
             "add it to Areas, with a label where nobody starts"
@@ -182,7 +187,19 @@ def _around(
         yield f"{within.mean():.1%} of the agents stand within {', '.join(names[:3])}: {remedy}."
 
 
-def _places(part: Trajectory) -> np.ndarray:
+def _walked_through(names: Sequence[str], within: float) -> str:
+    """Return a sentence on obstacles, and on the part of the agents that start within them."""
+    verb = "stands" if len(names) == 1 else "stand"
+    more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
+    start = f" ({within:.1%} of them start within)" if within else ""
+    return (
+        f"Agents would walk through {', '.join(names[:MOST_NAMES])}{more}, which {verb} on their "
+        f"ground{start}: press {WALLS}, which leads them round what is selected, or else round "
+        f"these."
+    )
+
+
+def places_of(part: Trajectory) -> np.ndarray:
     """Return where some of the agents have their feet, (n, 3)."""
     times = [part.first_frame]
     if isinstance(part, Recorded):

@@ -7,7 +7,11 @@ import bpy
 from ...crowd_lod.crowd.leave_outs import LeftOut
 from ...crowd_lod.culling.occluders import Occluders, join_occluders
 from ..blender import frame_stepping
+from ..blender.mesh_data import SHOWN
 from ..blender.occluders import read_occluders
+from ..blender.opacity import is_opaque
+from ..blender.ownership import OWNED
+from ..blender.provenance import character_digest, text_digest
 from ..blender.scenery import Scenery
 
 STAGE = "occlusion"
@@ -64,6 +68,28 @@ def occluders_of(
     if not reading.parts:
         refused.append(NO_OCCLUDERS)
     return reading.join(), tuple(refused)
+
+
+def scenery_digest(scene: bpy.types.Scene) -> dict[str, str]:
+    """Return a digest of what may hide agents in any frame, by its name; none if nobody is hidden.
+
+    It is the same in all frames.
+    """
+    if not scene.crowd_lod.occlusion:
+        return {}
+    excluded = _excluded(scene.crowd_lod)
+    homes = {scene.collection, *scene.collection.children_recursive}
+    homes |= {item.instance_collection for home in homes for item in home.objects} - {None}
+    items = {
+        item
+        for home in homes
+        for item in home.all_objects
+        if item.type == "MESH" and not item.get(OWNED) and item not in excluded
+    }
+    named = sorted(items, key=lambda item: item.name_full)
+    looks = [(item.name_full, *(getattr(item, flag) for flag in SHOWN)) for item in named]
+    opaque = [[is_opaque(slot.material) for slot in item.material_slots] for item in named]
+    return {"the scenery": text_digest(character_digest(named), looks, opaque)}
 
 
 def _is_see_through(shading: bpy.types.View3DShading) -> bool:

@@ -29,6 +29,7 @@ from ..blender.output_folders import full_path
 from ..blender.provenance import differences, name_inputs, text_digest
 from ..characters.cast_provenance import cast_inputs
 from ..sources import hand_edits
+from .scene_occluders import scenery_digest
 from .shot_exceptions import digest_of, exceptions_by_number
 
 # Plans by path, time of change and size.
@@ -277,7 +278,8 @@ def plan_inputs(
         # with the crowd's own digests these tell the edits, too
         "the overrides": _digest(digest_of(settings)),
     }
-    return crowd_digests(trajectory) | of_settings | cast_inputs(settings.id_data)
+    scene = settings.id_data
+    return crowd_digests(trajectory) | of_settings | cast_inputs(scene) | scenery_digest(scene)
 
 
 def crowd_digests(trajectory: Trajectory) -> dict[str, str]:

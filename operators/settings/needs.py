@@ -30,6 +30,10 @@ def lods(scene: bpy.types.Scene) -> str:
     return "" if scene.crowd_lod.levels is not None else "Press Make LOD Meshes first"
 
 
+def file(scene: bpy.types.Scene) -> str:
+    return "" if bpy.data.filepath else "Save the file first: a farm opens it"
+
+
 def overlay(scene: bpy.types.Scene) -> str:
     return "" if scene.crowd_lod.overlay else "Switch the overlay on first"
 

@@ -13,6 +13,7 @@ from ..blender.labeled_properties import (
 )
 from ..blender.output_folders import BLEND_NAME
 from .exception_settings import CrowdLodException
+from .outdated_estimate import outdate
 from .setting_changes import settings_changed
 
 COLORS = (
@@ -191,7 +192,7 @@ class VerifySettings:
 
 
 class ExportSettings:
-    """The USD file of a shot."""
+    """The USD file and the farm job of a shot."""
 
     usd_file: StringProperty(
         name="USD File",
@@ -201,6 +202,13 @@ class ExportSettings:
     )
     usd_animated: BoolProperty(
         name="Moving Prototypes",
+        update=outdate,
         description="Each of 16 phases of an action is a prototype that moves, instead of poses "
         "between which agents change: exact phases and blurred limbs, but a larger file",
+    )
+    farm_chunk: IntProperty(
+        name="Frames of a Task",
+        default=10,
+        min=1,
+        description="Frames that a task of the farm job renders",
     )

@@ -53,6 +53,7 @@ from ..scene.shot_exceptions import exemptions_of
 from ..settings import needs
 from ..settings.budgets import budget_of, possible_budgets
 from ..sources.crowd_sources import check_recorded
+from .planned_cameras import note_cameras
 from .scene_json import scene_json
 from .shot_survey import SurveyedShot, survey_of
 from .switch_crops import crops_of
@@ -337,6 +338,7 @@ def plan_of_settings(scene: bpy.types.Scene) -> Generator[float, None, str]:
         yield from standing(write_plan(scene, part, planned, ["sidebar"]), 0.99)
     settings.shot_plan = f"{place}/{plan_file.NAME}"
     settings.use_shot_plan = True
+    note_cameras(scene)
     note_output(scene, "plan", planned.report.verdict.sentence)
     return f"{sentence(planned)} The plan is in {place_of(folder)}."
 

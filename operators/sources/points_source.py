@@ -86,8 +86,8 @@ def read_points(
     """Return the points of `item` as `depsgraph` has evaluated it.
 
     Its instances count, or else its particles, its point cloud, or the vertices of its mesh.
-    Attributes of the points: id (whole numbers), group (a number from 0 on, or a name), heading
-    (radians from +X), phase (0 to 1). Without a heading, an instance's rotation counts, or else the
+    Attributes of the points: id (whole numbers), group (a number from 0 on, or a name) or
+    proto_index (a number), heading (radians from +X), phase (0 to 1). Without a heading, an instance's rotation counts, or else the
     direction of the attribute velocity.
 
     forward: the axis that characters face, as in the settings; an instance that is not turned shows
@@ -110,7 +110,7 @@ def read_points(
         columns = _particles(systems[0])
     elif clouds:
         columns = _attributes(item, clouds[0], matrix, scene_data.rotation(forward))
-        columns |= _groups(item, clouds[0].attributes.get("group"), groups, names)
+        columns |= _groups(item, clouds[0].attributes, groups, names)
     else:
         columns = {}
     if not columns or not len(columns["x"]):
@@ -211,9 +211,15 @@ def _values(item: bpy.types.Object, shape, name: str) -> np.ndarray | None:
 
 
 def _groups(
-    item: bpy.types.Object, attribute, groups: np.ndarray, names: tuple[str, ...]
+    item: bpy.types.Object, attributes, groups: np.ndarray, names: tuple[str, ...]
 ) -> dict[str, np.ndarray]:
-    """Return the column of groups, if the points name them."""
+    """Return the column of groups, if the points name them.
+
+    An instancer from a USD file has its prototypes as proto_index in place of a group. They count
+    where there are several groups to choose from.
+    """
+    several = len(groups) > 1
+    attribute = attributes.get("group") or (attributes.get("proto_index") if several else None)
     if attribute is None or attribute.domain != "POINT":
         return {}
     if attribute.data_type == "STRING":
@@ -228,16 +234,15 @@ def _groups(
     values = np.empty(len(attribute.data), np.int32 if attribute.data_type in WHOLE else np.float32)
     if attribute.data_type not in (*WHOLE, "FLOAT"):
         raise CrowdError(
-            f"The attribute group of the points of {item.name} is not a number or a name: store "
-            f"it as such."
+            f"The attribute {attribute.name} of the points of {item.name} is not a number or a "
+            f"name: store it as such."
         )
     attribute.data.foreach_get("value", values)
     wrong = np.flatnonzero(~((values >= 0) & (values < len(names)) & (values == np.floor(values))))
     if len(wrong):
         raise CrowdError(
-            f"Point {wrong[0]} of {item.name} has the group {values[wrong[0]]:g}: the crowd has "
-            f"{len(names)}, numbered from 0 on "
-            f"({', '.join(names)})."
+            f"Point {wrong[0]} of {item.name} has the {attribute.name} {values[wrong[0]]:g}: the "
+            f"crowd has {counted(len(names), 'group')}, numbered from 0 on ({', '.join(names)})."
         )
     return {"group": groups[values.astype(np.intp)]}
 

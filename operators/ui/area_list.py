@@ -96,6 +96,7 @@ def draw_areas(layout, context, settings) -> None:
     """Draw the list of walls and areas, and the settings of the selected one."""
     editor = context.scene.crowd_lod_editor
     draw_list(layout, settings, "area", editor)
+    layout.operator("crowd_lod.walls_from_selection", icon="MOD_BUILD")
     if not len(settings.areas):
         return
     entry = settings.areas[min(editor.area_index, len(settings.areas) - 1)]

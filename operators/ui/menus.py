@@ -29,6 +29,7 @@ WORK = (
     "bake",
     "remove_build",
     "export_usd",
+    "write_farm_job",
     "verify",
     "reset",
 )

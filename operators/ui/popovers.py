@@ -12,6 +12,7 @@ from ..characters.take_action import TAKE_ACTION
 from ..lod_meshes.level_objects import GIVEN
 from ..overlay import viewport_overlay
 from ..overlay.hud import STAGES, describe, share
+from ..scene.obstacles import WALLS
 from ..settings.budgets import budget_of, possible_budgets
 from . import steps
 from .drawing import LOD_COLORS, MOST_ROWS, button, distance, label, paragraph, table
@@ -49,6 +50,8 @@ class CROWDLOD_PT_statistics(_Popover, bpy.types.Panel):
                 "HIDE_ON",
             ),
         ]
+        if frame.hidden is not None:
+            rows.append(("Hidden by Scenery", f"{frame.hidden.sum():,}", "HOME"))
         by_lod = context.scene.crowd_lod.overlay_color == "LOD"
         for level, count in enumerate(frame.buckets.counts):
             name, icon = LOD_COLORS[level]
@@ -126,6 +129,8 @@ class CROWDLOD_PT_messages(_Popover, bpy.types.Panel):
             paragraph(self.layout, sentence, icon, LETTERS)
             if TAKE_ACTION in sentence:
                 button(self.layout, "crowd_lod.take_action", icon="ACTION")
+            if WALLS in sentence:
+                button(self.layout, "crowd_lod.walls_from_selection", icon="MOD_BUILD")
 
 
 class CROWDLOD_PT_agent(_Popover, bpy.types.Panel):

@@ -3,13 +3,19 @@
 import bpy
 
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import counted
 from ...crowd_lod.levels.cost_model import DEVELOPERS
 from ...crowd_lod.shot.budget_points import budget_sentence, fitting_point
 from ..blender.machine_costs import calibration_of
+from ..blender.operator import at_work
+from ..hand_over.lacks import lacks_of
+from ..hand_over.sizes import sizes_of
 from ..overlay import viewport_overlay
 from ..render_setup import staleness
 from ..render_setup.render_setup import BAKED, baked_of
 from ..render_setup.view_layers import layers_of
+from ..runs.update_all import due_steps
+from ..settings import needs
 from ..settings.budgets import budget_of, possible_budgets
 from ..sources.hand_edits import EDITS
 from . import steps
@@ -247,22 +253,12 @@ class CROWDLOD_PT_view_layers(Step, bpy.types.Panel):
 
     @classmethod
     def poll(cls, context) -> bool:
-        return context.scene.crowd_lod.build is not None and len(context.scene.view_layers) > 1
+        return context.scene.crowd_lod.build is not None
 
     def body(self, context, layout, settings) -> None:
         for name, place in layers_of(context.scene).items():
             layout.prop(place, "exclude", text=name, invert_checkbox=True, translate=False)
-
-
-class CROWDLOD_PT_export(Step, bpy.types.Panel):
-    bl_label = "Export"
-    bl_parent_id = "CROWDLOD_PT_build"
-    step = "export"
-
-    def body(self, context, layout, settings) -> None:
-        layout.prop(settings, "usd_file")
-        layout.prop(settings, "usd_animated")
-        button(layout, "crowd_lod.export_usd", icon="EXPORT")
+        layout.operator("crowd_lod.add_aovs", icon="RENDERLAYERS")
 
 
 class CROWDLOD_PT_verify(Step, bpy.types.Panel):
@@ -278,6 +274,59 @@ class CROWDLOD_PT_verify(Step, bpy.types.Panel):
         )
 
 
+class CROWDLOD_PT_hand_over(Step, bpy.types.Panel):
+    bl_label = "Hand Over"
+    step = "export"
+
+    def body(self, context, layout, settings) -> None:
+        scene = context.scene
+        if not sizes_of(settings):
+            button(layout, "crowd_lod.estimate", text="Estimate Sizes", icon="MEMORY")
+        self.bake(context, layout.column(align=True))
+        layout.separator()
+        column = layout.column(align=True)
+        column.prop(settings, "usd_file")
+        column.prop(settings, "usd_animated")
+        button(column, "crowd_lod.export_usd", icon="EXPORT")
+        if size := sizes_of(settings).get("crowd_lod.export_usd"):
+            label(column, f"About {size.file}", "FILE")
+        _draw_lacks(column, scene, "crowd_lod.export_usd")
+        layout.separator()
+        column = layout.column(align=True)
+        column.prop(settings, "farm_chunk")
+        button(column, "crowd_lod.write_farm_job", icon="NETWORK_DRIVE")
+        frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
+        tasks = counted(-(-len(frames) // settings.farm_chunk), "task")
+        size = sizes_of(settings).get("crowd_lod.bake")
+        label(column, f"{tasks}{f', each opens {size.file}' if size else ''}", "FILE")
+        _draw_lacks(column, scene, "crowd_lod.write_farm_job")
+
+    def bake(self, context, layout) -> None:
+        """Draw the button of the bake, gray where it would make the same again."""
+        scene = context.scene
+        settings = scene.crowd_lod
+        is_baked = steps.builder_of(scene) == "crowd_lod.bake"
+        row = layout.row()
+        row.enabled = not is_baked or "Bake" in due_steps(scene)
+        button(row, "crowd_lod.bake", "Update Bake" if is_baked else "Bake", "FREEZE")
+        if size := sizes_of(settings).get("crowd_lod.bake"):
+            label(layout, f"About {size.file} in the file, {size.memory} in renders", "FILE")
+        if is_baked:
+            label(layout, _built(settings.build), "CHECKMARK" if not row.enabled else "INFO")
+        _draw_lacks(layout, scene, "crowd_lod.bake")
+
+
+def _draw_lacks(layout, scene: bpy.types.Scene, operator: str) -> None:
+    """Draw what an output still needs, and beside it the step to press."""
+    if at_work or needs.crowd(scene) or needs.camera(scene):
+        return
+    for lack in lacks_of(scene, operator):
+        row = layout.row(align=True)
+        row.alert = True
+        label(row, lack.sentence, "ERROR")
+        row.operator(lack.operator, text="", icon="FORWARD")
+
+
 CLASSES = (
     CROWDLOD_PT_plan,
     CROWDLOD_PT_budget,
@@ -287,6 +336,6 @@ CLASSES = (
     CROWDLOD_PT_build,
     CROWDLOD_PT_cost,
     CROWDLOD_PT_view_layers,
-    CROWDLOD_PT_export,
     CROWDLOD_PT_verify,
+    CROWDLOD_PT_hand_over,
 )

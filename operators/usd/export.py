@@ -97,7 +97,9 @@ def export_usd(scene: bpy.types.Scene, request: UsdExport) -> Generator[float, N
         yield from share(ready(scene), 0.0, READY)
         trajectory = trajectory_of(scene)
         library = library_of_poses(scene, trajectory, POSES, request.animated)
-        plans, films, unplanned = yield from share(_plans(scene, request, library), READY, PLANNED)
+        plans, films, unplanned = yield from share(
+            plan_frames(scene, request, library), READY, PLANNED
+        )
         cast = instances_of([*plans.values()])
         with CrowdFile(
             usd, scene, path, hidden, (cast, names_of(trajectory, library, cast.prototypes))
@@ -131,7 +133,7 @@ def export_usd(scene: bpy.types.Scene, request: UsdExport) -> Generator[float, N
     )
 
 
-def _plans(
+def plan_frames(
     scene: bpy.types.Scene, request: UsdExport, library: Library
 ) -> Generator[
     float, None, tuple[dict[int, FrameInstances], dict[int, FilmedFrame], list[tuple[int, str]]]

@@ -63,6 +63,7 @@ class CrowdFile:
         geometry.SetStageMetersPerUnit(self.stage, scene_data.meters(scene))
         root = geometry.Xform.Define(self.stage, self.ROOT)
         self.stage.SetDefaultPrim(root.GetPrim())
+        self.model = geometry.ModelAPI.Apply(root.GetPrim())
         usd.Usd.ModelAPI(root.GetPrim()).SetKind("component")
         self.instancer = geometry.PointInstancer.Define(self.stage, self.AGENTS)
         for scope in (self.PROTOTYPES, self.MATERIALS):
@@ -72,7 +73,8 @@ class CrowdFile:
         self._meshes = {}
         relation = self.instancer.CreatePrototypesRel()
         for home in self._homes.values():
-            geometry.Xform.Define(self.stage, home)
+            prototype = geometry.Xform.Define(self.stage, home)
+            usd.Usd.ModelAPI(prototype.GetPrim()).SetKind("subcomponent")
             relation.AddTarget(home)
         self.instancer.CreateIdsAttr(usd.Vt.Int64Array.FromNumpy(instances.agents.astype(np.int64)))
 
@@ -80,7 +82,7 @@ class CrowdFile:
         return self
 
     def __exit__(self, *error) -> None:
-        self.stage = self.instancer = self.materials = self._meshes = None
+        self.stage = self.model = self.instancer = self.materials = self._meshes = None
 
     def mesh(self, prototype: int, name: str, form: Form, frame: float | None) -> None:
         """Write a mesh of a prototype, or its points and normals at `frame`."""
@@ -164,8 +166,12 @@ class CrowdFile:
                 vt.Vec3fArray.FromNumpy(columns["velocities"]), number
             )
         reach = self._reach * (1.0 if columns["scales"] is None else float(columns["scales"].max()))
-        extent = np.array([place.min(axis=0) - reach, place.max(axis=0) + reach], np.float32)
-        instancer.CreateExtentAttr().Set(vt.Vec3fArray.FromNumpy(extent), number)
+        extent = vt.Vec3fArray.FromNumpy(
+            np.array([place.min(axis=0) - reach, place.max(axis=0) + reach], np.float32)
+        )
+        instancer.CreateExtentAttr().Set(extent, number)
+        # of the whole crowd, so that a viewer draws its bounds without reading the agents
+        self.model.SetExtentsHint(extent, number)
         primvar = self.usd.UsdGeom.PrimvarsAPI(instancer).CreatePrimvar(
             "looks", self.usd.Sdf.ValueTypeNames.FloatArray, "vertex"
         )

@@ -160,6 +160,10 @@ def test_a_file_for_renders_alone_shows_the_same_without_characters_and_lods(
     characters = built.crowd_lod.characters
     characters.hide_render = False  # the command hides them, and a file without them shows the same
     built.crowd_lod.thresholds[0] = 0.01  # no frame shows LOD 0
+    tip = bpy.data.objects.new("Tip", None)  # as glTF files have them at the ends of bones
+    tip.parent = characters.all_objects[0]
+    built.collection.objects.link(tip)
+    bpy.data.actions.new("Dance").use_fake_user = True
     bpy.context.scene.render.engine = "BLENDER_WORKBENCH"
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "crowd.blend"))
     words = [
@@ -197,6 +201,8 @@ def test_a_file_for_renders_alone_shows_the_same_without_characters_and_lods(
         scene.crowd_lod.characters is None
         and scene.crowd_lod.levels is None
         and "People" not in bpy.data.collections
+        and "Tip" not in bpy.data.objects
+        and "Dance" not in bpy.data.actions
     )
     with pytest.raises(CrowdError, match="no LOD meshes"):
         list(render_setup.build(scene))

@@ -40,7 +40,11 @@ def shares(path, low=1 / 255, ratio=1.6):
 @pytest.mark.once
 def test_preview_of_a_file_leaves_pictures_table_and_plan(tmp_path, capfd):
     bpy.ops.crowd_lod.sample(name="chapter")
-    coarsen(bpy.context.scene.crowd_lod)
+    settings = bpy.context.scene.crowd_lod
+    coarsen(settings)
+    for name in ("child", "heavy"):
+        settings.characters.children.unlink(settings.characters.children[name])
+    settings.method = "DECIMATE"
     file = tmp_path / "chapter.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(file))
     capfd.readouterr()
@@ -50,9 +54,17 @@ def test_preview_of_a_file_leaves_pictures_table_and_plan(tmp_path, capfd):
     result = json.loads(said.out)
     assert result["out"] == str(out) and said.err == ""
     assert sorted(os.listdir(out)) == [
-        "above_0001.png", "above_0060.png", "contact_sheet.png", "frames.csv", "levels_adult.png", "levels_child.png",
-        "levels_heavy.png", "main_0001.png", "main_0060.png", "plan.json", "plan.npz", "report.html",
-    ]  # fmt: skip
+        "above_0001.png",
+        "above_0060.png",
+        "contact_sheet.png",
+        "frames.csv",
+        "levels_adult.png",
+        "main_0001.png",
+        "main_0060.png",
+        "plan.json",
+        "plan.npz",
+        "report.html",
+    ]
     rows = list(csv.DictReader((out / "frames.csv").open()))
     assert [row["frame"] for row in rows] == ["1", "60"]
     for row in rows:

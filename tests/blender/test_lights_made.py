@@ -167,7 +167,9 @@ def test_they_are_read_where_they_are_at_each_frame(lit, way, blur):  # noqa: F8
 @pytest.mark.parametrize("way", WAYS)
 def test_no_shadow_of_theirs_is_missing(lit, way, tmp_path):  # noqa: F811
     way(lit)
-    (row,) = finished(verify(lit, Verify([7], tmp_path / "out", 96, 2), ["test"]))["frames"]
+    (row,) = finished(verify(lit, Verify([7], tmp_path / "out", 96, 2, agents=1), ["test"]))[
+        "frames"
+    ]
     assert row["b_pixels"] == 0 and row["shadow"] > 0 and row["bare_pixels"] > 0
 
 

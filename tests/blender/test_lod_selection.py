@@ -70,6 +70,8 @@ def test_as_many_are_made_as_pay_and_the_build_shows_them(tolerant):
 
 
 def make_by_tolerance(scene, pixels=1.0):
+    people = scene.crowd_lod.characters.children
+    people.unlink(people["adult"])
     scene.crowd_lod.tolerance = pixels
     stored_groups.store_groups(scene.crowd_lod, group_measuring.measure_groups(scene))
     list(make_levels(scene))

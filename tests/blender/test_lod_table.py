@@ -25,9 +25,9 @@ from crowd_lod_extension.operators.runs import lod_picture, lod_table
 from crowd_lod_extension.operators.scene import scene_crowd
 
 
-def tables_of(scene, folder):
+def tables_of(scene, folder, pictures=True):
     """The tables of `scene` as its camera sees it, and the frame."""
-    scene.crowd_lod.lod_pictures = True
+    scene.crowd_lod.lod_pictures = pictures
     frame = scene_crowd.frame_of(scene, bpy.context.evaluated_depsgraph_get())
     steps = lod_table.tables(
         scene, scene_crowd.trajectory_of(scene).groups, frame.camera, frame.begins, folder
@@ -37,7 +37,7 @@ def tables_of(scene, folder):
         try:
             progress.append(next(steps))
         except StopIteration as end:
-            assert progress == sorted(progress) and progress[-1] == 1.0
+            assert progress == sorted(progress) and progress[-1:] == [1.0] * pictures
             return end.value, frame
 
 
@@ -134,7 +134,7 @@ def test_the_way_a_lod_was_made_is_told_where_it_is_known(levelled, tmp_path):
     ):
         for key in ("crowd_lod_method", "crowd_lod_why", "crowd_lod_ms"):
             other.pop(key, None)
-    tables, _ = tables_of(levelled, tmp_path)
+    tables, _ = tables_of(levelled, tmp_path, pictures=False)
     assert [tables[0]["levels"][1][key] for key in ("method", "why", "ms")] == [
         "precise",
         "It has seams.",
@@ -270,13 +270,9 @@ def test_measuring_in_steps_gives_the_same_and_leaves_nothing_in_between(scene, 
 
 
 def test_without_lod_pictures_the_table_has_its_rows_and_there_are_no_pictures(levelled, tmp_path):
-    frame = scene_crowd.frame_of(levelled, bpy.context.evaluated_depsgraph_get())
-    groups = scene_crowd.trajectory_of(levelled).groups
-    steps = lod_table.tables(levelled, groups, frame.camera, frame.begins, tmp_path)
-    assert not levelled.crowd_lod.lod_pictures and len(groups) == 2
-    with pytest.raises(StopIteration) as end:
-        next(steps)
-    for character in end.value.value:
+    tables, _ = tables_of(levelled, tmp_path, pictures=False)
+    assert len(tables) == 2
+    for character in tables:
         assert character["picture"] is None
         assert len(character["levels"]) == 3
         assert all(row["measured_px"] is None for row in character["levels"])

@@ -145,8 +145,8 @@ def test_who_stands_in_a_wall_is_told_and_who_stands_in_a_hall_is_not(scene):
     place(block("pillar", (-10 / meters, -10 / meters, 0), (0, 10 / meters, 4 / meters)), scene)
     trouble = warnings_of(scene)
     share = float(
-        trouble.partition("% of the agents stand within pillar: add it to Areas")[0].rpartition(
-            "\n"
+        trouble.partition("% of them start within): press Walls from Selection")[0].rpartition(
+            "Agents would walk through pillar, which stands on their ground ("
         )[2]
     )
     assert 30 < share < 70

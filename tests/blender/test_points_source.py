@@ -173,6 +173,37 @@ def test_the_count_may_change_only_with_ids(scene):
             assert len(trajectory_of(scene).start) == 50
 
 
+INSTANCER = """#usda 1.0
+( defaultPrim = "Field"
+  metersPerUnit = 1
+  upAxis = "Z" )
+def PointInstancer "Field"
+{
+    rel prototypes = [</Field/A>, </Field/B>]
+    int[] protoIndices = [1, 0, 1, 1]
+    int64[] ids = [7, 11, 13, 17]
+    int64[] invisibleIds = [13]
+    point3f[] positions = [(0, 0, 0), (2, 0, 0), (4, 0, 0), (6, 1, 0)]
+    quath[] orientations = [(1, 0, 0, 0), (0, 0, 0, 1), (1, 0, 0, 0), (1, 0, 0, 0)]
+    def Cube "A" {}
+    def Cube "B" {}
+}
+"""
+
+
+def test_an_instancer_of_a_usd_file_gives_groups_and_leaves_out_who_is_invisible(scene, tmp_path):
+    path = tmp_path / "field.usda"
+    path.write_text(INSTANCER)
+    bpy.ops.wm.usd_import(filepath=str(path))
+    item = next(item for item in scene.objects if item.type == "POINTCLOUD")
+    trajectory = crowd_of(scene, item)
+    crowd = trajectory.at(1)
+    assert crowd.x.tolist() == [0, 2, 6] and crowd.group.tolist() == [1, 0, 1]
+    np.testing.assert_allclose(np.cos(crowd.heading), [1, -1, 1])
+    if bpy.app.version >= (5,):  # earlier versions drop the ids
+        assert trajectory.ids.tolist() == [7, 11, 17]
+
+
 BAD = [
     ("has none: choose one", lambda scene: None),
     ("has no points, instances or particles", lambda scene: bare(scene, 0)),
@@ -186,6 +217,10 @@ BAD = [
     (
         "Point 2 .* has the group 2: the crowd has 2",
         lambda scene: bare(scene, 3, [("group", "INT", [0, 1, 2])]),
+    ),
+    (
+        "Point 1 .* has the proto_index 8: the crowd has 2 groups",
+        lambda scene: bare(scene, 2, [("proto_index", "INT", [1, 8])]),
     ),
     (
         "name a group elephant: the crowd has",

@@ -57,6 +57,7 @@ OF_A_BAKE = {
 def follow(scene, name, changes):
     """Make the build, change each thing, look, and make it again."""
     make = getattr(bpy.ops.crowd_lod, name)
+    scene.crowd_lod.count = 30
     scene.frame_start = 1
     scene.frame_end = 3
     bpy.ops.crowd_lod.populate()

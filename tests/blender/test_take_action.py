@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.operators.characters.stored_groups import groups_of
-from crowd_lod_extension.operators.characters.take_action import take_walks
+from crowd_lod_extension.operators.characters.walk_choice import take_walks
 from crowd_lod_extension.operators.sources.crowd_sources import outdated
 
 from ..support.characters import character, new, rig, skin, tube
@@ -155,9 +155,29 @@ def test_of_several_actions_of_a_file_the_walk_is_taken_and_that_is_said():
     bpy.ops.crowd_lod.populate()
     assert "agree" not in settings.trouble
     armature.animation_data.action = bpy.data.actions["agree"]
-    assert [*take_walks([item])] == [
-        "skin plays walk of its file's actions, by whose name it walks, in place of agree."
-    ]
+    scene = bpy.context.scene
+    (sentence,) = take_walks(scene, [item])
+    assert sentence == (
+        "skin plays walk of its file's actions, by whose name it walks, in place of agree (its "
+        "feet walk at 0.00 m/s, those of agree at 0.00 m/s, and agents at 1.25 m/s)."
+    )
     armature.animation_data.action = bpy.data.actions["skin walk"].copy()
     armature.animation_data.action.name = "dance of its own"
-    assert [*take_walks([item])] == []
+    assert [*take_walks(scene, [item])] == []
+
+
+def test_without_a_name_the_action_is_taken_whose_feet_fit_the_speed():
+    armature, _ = bent("skin")
+    item = new("body", tube("body", 8, 4))
+    skin(item, armature)
+    foot = armature.pose.bones["upper"]
+    for name, way in (("gallop", 5.0), ("march", 1.1), ("nod", 0.0)):
+        action = stash(armature, name)
+        armature.animation_data.action = action
+        for frame, y in ((1, 0.0), (25, way), (26, 0.0)):  # a second on the ground, then back
+            foot.location = (y, -1.5, 0)  # below the rig's root
+            foot.keyframe_insert("location", frame=frame)
+    (sentence,) = take_walks(bpy.context.scene, [armature, item])
+    assert armature.animation_data.action.name == "march"
+    assert "whose feet fit the speed best, in place of nod" in sentence
+    assert [*take_walks(bpy.context.scene, [armature, item])] == []

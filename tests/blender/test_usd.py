@@ -221,6 +221,9 @@ def test_blender_imports_camera_and_agents_as_in_the_build_and_openusd_finds_no_
     film = usd.UsdGeom.Camera(stage.GetPrimAtPath("/Crowd/Camera")).GetCamera(FRAMES[-1])
     np.testing.assert_allclose(np.array(film.frustum.ComputeProjectionMatrix()).T, lens, atol=1e-5)
     assert not faults_of(path)
+    crowd = usd.UsdGeom.ModelAPI(stage.GetPrimAtPath("/Crowd"))
+    agents = usd.UsdGeom.PointInstancer(stage.GetPrimAtPath("/Crowd/Agents"))
+    assert list(crowd.GetExtentsHint(FRAMES[0])) == list(agents.GetExtentAttr().Get(FRAMES[0]))
 
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     bpy.ops.wm.usd_import(filepath=str(path))

@@ -8,6 +8,7 @@ from math import pi
 import bpy
 import numpy as np
 import pytest
+from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.validation.render_proof import to_text
 from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.operators.cli import commands
@@ -59,13 +60,7 @@ def lit(levelled):
 
 def rendered(scene, folder, **wanted):
     """What verify finds of one small frame, run to its end."""
-    steps = verify(scene, Verify([7], folder, 96, 2, agents=1, **wanted), ["test"])
-    while True:
-        try:
-            progress = next(steps)
-            assert 0 <= progress <= 1
-        except StopIteration as end:
-            return end.value
+    return finished(verify(scene, Verify([7], folder, 96, 2, agents=1, **wanted), ["test"]))
 
 
 def test_the_command_proves_that_culling_changes_no_pixel_and_shadows_need_their_bucket(
@@ -359,20 +354,13 @@ def test_predictions_hold_where_planned_lods_switch(levelled, tmp_path, capfd, m
         assert run(*asked, *more) == 0
     frames = [int(row["frame"]) for row in csv.DictReader((plan / "switches.csv").open())]
     most = max(frames, key=frames.count)
-    words = (
-        "--frames",
-        f"{most - 1},{most}",
-        "--width",
-        160,
-        "--samples",
-        1,
-        "--plan",
-        plan,
-        "--strict",
-        "--quiet",
-    )
-    assert run("verify", file, *words, "--out", tmp_path / "out") == 0
-    result = json.loads((tmp_path / "out" / "verify.json").read_text())
+    bpy.ops.wm.open_mainfile(filepath=str(file))
+    scene = bpy.context.scene
+    scene.crowd_lod.shot_plan = str(plan / "plan.npz")
+    scene.crowd_lod.use_shot_plan = True
+    frames = [most - 1, most]
+    request = Verify(frames, tmp_path / "out", 160, 1, strict=True, agents=2)
+    result = finished(verify(scene, request, ["test"]))
     rows = result["frames"]
     agents = result["agents"]
     assert all(row["culling_ok"] and row["lod_ok"] and row["judged"] for row in rows)

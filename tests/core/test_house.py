@@ -62,7 +62,7 @@ FLOORS = {
             "lod_meshes",
             "overlay",
         ),
-        *("render_setup", "shot", "runs", "usd", "cli", "ui", ""),
+        *("render_setup", "shot", "runs", "usd", "hand_over", "cli", "ui", ""),
     ),
 }
 

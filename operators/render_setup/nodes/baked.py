@@ -6,7 +6,7 @@ from . import instances
 from .trees import attribute, current, spread
 
 NAME = "Crowd LOD Baked"
-VERSION = 3
+VERSION = 4
 
 
 def baked() -> bpy.types.GeometryNodeTree:
@@ -30,6 +30,7 @@ def _wire(tree: bpy.types.GeometryNodeTree) -> None:
         ("Geometry", "Geometry"),
         ("Characters", "Collection"),
         ("Turn", "Float"),
+        ("LOD", "Int"),
         ("Rate", "Float"),
         ("Opens", "Float"),
     ):
@@ -71,7 +72,7 @@ def _wire(tree: bpy.types.GeometryNodeTree) -> None:
     place = tree.nodes.new("GeometryNodeGroup")
     place.node_tree = instances.instances()
     tree.links.new(geometry, place.inputs["Geometry"])
-    for name in ("Characters", "Turn"):
+    for name in ("Characters", "Turn", "LOD"):
         tree.links.new(entry.outputs[name], place.inputs[name])
     tree.links.new(place.outputs["Geometry"], leave.inputs["Geometry"])
 

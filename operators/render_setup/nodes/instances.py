@@ -5,7 +5,7 @@ import bpy
 from .trees import attribute, current, spread
 
 NAME = "Crowd LOD Instances"
-VERSION = 6
+VERSION = 7
 
 
 def instances() -> bpy.types.GeometryNodeTree:
@@ -16,7 +16,8 @@ def instances() -> bpy.types.GeometryNodeTree:
     size. Points without pitch and roll stand upright; without size they have the character's.
 
     Inputs: Geometry, Characters (a collection with one child per character, in natural order of
-    names), Turn (radians about z that turn a character to +x).
+    names), Turn (radians about z that turn a character to +x), LOD (a number that the instances
+    carry as their attribute lod).
 
     A group of another version is rebuilt in place, so that files saved with it follow. Its
     modifiers then need their inputs again.
@@ -28,6 +29,7 @@ def _wire(tree: bpy.types.GeometryNodeTree) -> None:
     tree.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
     tree.interface.new_socket("Characters", in_out="INPUT", socket_type="NodeSocketCollection")
     tree.interface.new_socket("Turn", in_out="INPUT", socket_type="NodeSocketFloat")
+    tree.interface.new_socket("LOD", in_out="INPUT", socket_type="NodeSocketInt")
     tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
     entry = tree.nodes.new("NodeGroupInput")
     leave = tree.nodes.new("NodeGroupOutput")
@@ -62,9 +64,16 @@ def _wire(tree: bpy.types.GeometryNodeTree) -> None:
     tree.links.new(pose, place.inputs["Instance Index"])
     tree.links.new(whole.outputs["Rotation"], place.inputs["Rotation"])
     tree.links.new(scale.outputs["Value"], place.inputs["Scale"])
-    tree.links.new(place.outputs["Instances"], leave.inputs["Geometry"])
 
-    upper = entry, characters, down, stance.node, turn.node, whole, scale, place, leave
+    level = tree.nodes.new("GeometryNodeStoreNamedAttribute")
+    level.data_type = "INT"
+    level.domain = "INSTANCE"
+    level.inputs["Name"].default_value = "lod"
+    tree.links.new(place.outputs["Instances"], level.inputs["Geometry"])
+    tree.links.new(entry.outputs["LOD"], level.inputs["Value"])
+    tree.links.new(level.outputs["Geometry"], leave.inputs["Geometry"])
+
+    upper = entry, characters, down, stance.node, turn.node, whole, scale, place, level, leave
     spread(upper, (pose.node, heading.node, pitch.node, roll.node, size.node))
 
 

@@ -12,13 +12,13 @@ KIND = "crowd_lod_tree"
 TREE_VERSION = "version"
 
 
-def find_tree(kind: str) -> bpy.types.GeometryNodeTree | None:
+def find_tree(kind: str) -> bpy.types.NodeTree | None:
     """Return this file's own tree of that kind, whatever its name is now, or None.
 
     A tree of the user's with the same name does not count.
     """
     for tree in bpy.data.node_groups:
-        if tree.get(KIND) == kind and tree.bl_idname == "GeometryNodeTree" and tree.library is None:
+        if tree.get(KIND) == kind and tree.library is None:
             return tree
     return None
 
@@ -35,12 +35,18 @@ def stale(kind: str, version: int) -> bool:
 
 
 def current(
-    kind: str, version: int, wire: Callable[[bpy.types.GeometryNodeTree], None]
-) -> bpy.types.GeometryNodeTree:
-    """Return the tree of that kind and version; `wire` makes or remakes it if needed."""
+    kind: str,
+    version: int,
+    wire: Callable[[bpy.types.NodeTree], None],
+    nodes: str = "GeometryNodeTree",
+) -> bpy.types.NodeTree:
+    """Return the tree of that kind and version; `wire` makes or remakes it if needed.
+
+    nodes: the type of tree.
+    """
     tree = find_tree(kind)
     if tree is None:
-        tree = bpy.data.node_groups.new(kind, "GeometryNodeTree")
+        tree = bpy.data.node_groups.new(kind, nodes)
     elif tree.get(TREE_VERSION) == version:
         return tree
     tree.nodes.clear()

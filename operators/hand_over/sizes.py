@@ -1,0 +1,71 @@
+"""How large what is handed over will be: Estimate Cost, and its answers for the panel."""
+
+from collections.abc import Generator
+from contextlib import suppress
+from typing import NamedTuple
+
+import bpy
+
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import number as figure
+from ...crowd_lod.progress import share
+from ..blender import scene_data
+from ..blender.operator import Stepwise
+from ..render_setup.cost_estimate import CHOICES, estimate
+from ..settings import needs
+from ..usd.size import estimate_usd
+
+USD = "USD"  # the name of its row in the table of the estimate
+
+
+class Size(NamedTuple):
+    """What an output takes, as text such as "12 MB"; "-" where it takes none."""
+
+    memory: str
+    file: str
+
+
+def sizes_of(settings) -> dict[str, Size]:
+    """Return the sizes of a bake and of the USD file, as far as they are estimated.
+
+    The keys are the operators that make them.
+    """
+    rows = {
+        name: Size(*cells[:2])
+        for name, *cells in (line.split("\t") for line in settings.estimate.splitlines()[1:])
+        if len(cells) > 1
+    }
+    names = {
+        "crowd_lod.bake": f"{CHOICES[settings.choice]}, Baked",
+        "crowd_lod.export_usd": USD,
+    }
+    return {operator: rows[name] for operator, name in names.items() if name in rows}
+
+
+class CROWDLOD_OT_estimate(Stepwise, bpy.types.Operator):
+    """Estimate memory, file size and render time for each way to choose LODs"""
+
+    bl_idname = "crowd_lod.estimate"
+    bl_label = "Estimate Cost"
+    needs = (
+        needs.crowd,
+        needs.camera,
+    )
+
+    def steps(self, context) -> Generator[float, None, str]:
+        scene = context.scene
+        settings = scene.crowd_lod
+        costs = yield from share(estimate(scene, settings), 0.0, 0.7)
+        lines = [costs.table]
+        sentence = costs.sentence
+        with suppress(CrowdError):  # nobody is in sight, which Export USD says
+            frames = scene_data.frames_of(scene)
+            size = yield from share(estimate_usd(scene, frames, settings.usd_animated), 0.7, 1.0)
+            file = f"{figure(size / 1e6)} MB"
+            lines.append("\t".join((USD, "-", file, "-")))
+            sentence = f"{sentence} The USD file: about {file}."
+        settings.estimate = "\n".join(lines)
+        return sentence
+
+
+CLASSES = (CROWDLOD_OT_estimate,)

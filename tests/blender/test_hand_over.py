@@ -1,0 +1,64 @@
+"""Hand Over: what an output needs, how large it will be, and the farm's job from the panel."""
+
+import json
+
+import bpy
+import pytest
+from crowd_lod_extension.operators.blender.output_folders import output_folder
+from crowd_lod_extension.operators.hand_over.lacks import lacks_of
+from crowd_lod_extension.operators.hand_over.sizes import sizes_of
+from crowd_lod_extension.operators.runs.update_all import look_again
+
+from ..support.characters import character, new, tube
+
+JOB = "crowd_lod.write_farm_job"
+
+
+@pytest.fixture
+def shot(small_shot):
+    """Six tubes in two frames."""
+    small_shot.crowd_lod.characters = character(new("Tube", tube("Tube", 16, 12)))
+    small_shot.crowd_lod.level_count = 2
+    bpy.ops.crowd_lod.populate()
+    return small_shot
+
+
+def needed(scene, operator):
+    look_again(scene)
+    return [lack.operator for lack in lacks_of(scene, operator)]
+
+
+def test_each_output_says_what_it_needs_and_how_large_it_will_be(shot, tmp_path):
+    make, plan = "crowd_lod.make_levels", "crowd_lod.plan_shot"
+    assert needed(shot, "crowd_lod.bake") == [make, plan]
+    assert needed(shot, JOB) == ["wm.save_mainfile", make]
+    assert not bpy.ops.crowd_lod.write_farm_job.poll() and not sizes_of(shot.crowd_lod)
+    bpy.ops.crowd_lod.make_levels()
+    bpy.ops.crowd_lod.plan_shot()
+    assert needed(shot, "crowd_lod.export_usd") == []
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
+    assert needed(shot, JOB) == []
+    bpy.ops.crowd_lod.estimate()
+    sizes = sizes_of(shot.crowd_lod)
+    assert sizes["crowd_lod.bake"].memory.endswith("MB")
+    bpy.ops.crowd_lod.export_usd()
+    size = (output_folder(shot, "usd") / "crowd.usdc").stat().st_size / 1e6
+    expected = float(sizes["crowd_lod.export_usd"].file.removesuffix(" MB"))
+    assert size == pytest.approx(expected, rel=0.25)
+
+
+def test_a_job_of_the_panel_lies_with_its_scene_and_says_what_it_needs(shot, tmp_path):
+    bpy.ops.crowd_lod.make_levels()
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
+    shot.crowd_lod.farm_chunk = 1
+    assert bpy.ops.crowd_lod.write_farm_job() == {"FINISHED"}
+    folder = output_folder(shot, "farm")
+    template = json.loads((folder / "template.json").read_text(encoding="utf-8"))
+    parameters = {each["name"]: each.get("default") for each in template["parameterDefinitions"]}
+    assert (parameters["Scene"], parameters["Chunk"]) == ("shot.blend", 1)
+    values = json.loads((folder / "parameter_values.json").read_text(encoding="utf-8"))
+    assert values == {"parameterValues": []} and (folder / "crowd_lod.js").is_file()
+    said = (folder / "README.txt").read_text(encoding="utf-8")
+    assert "2 tasks of up to 1 frame" in said and "with Crowd LOD" in said
+    bpy.ops.wm.open_mainfile(filepath=str(folder / "shot.blend"))
+    assert bpy.context.scene.crowd_lod.levels is not None

@@ -1,0 +1,42 @@
+"""Who would walk through what stands on the ground is led round it in one press."""
+
+import bpy
+import numpy as np
+import pytest
+from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
+
+from ..support.characters import new
+from .test_plausible import block, place, scene, warnings_of  # noqa: F401 - scene is a fixture
+
+
+@pytest.fixture
+def street(scene):  # noqa: F811
+    """A ground with a kiosk, a kerb, a bridge over it, and a lamp without a face."""
+    place(block("ground", (-30, -30, -1), (30, 30, 0)), scene)
+    place(block("kiosk", (-2, -2, 0), (2, 2, 3)), scene)
+    place(block("kerb", (-9, -9, 0), (9, -8.8, 0.15)), scene)
+    place(block("bridge", (-9, 3, 4), (9, 5, 5)), scene)
+    place(new("lamp", None), scene)
+    scene.crowd_lod.map_image = None
+    return scene
+
+
+def places_of(street):
+    crowds = [trajectory_of(street).at(frame) for frame in range(1, 200, 7)]
+    return np.concatenate([np.column_stack([crowd.x, crowd.y]) for crowd in crowds])
+
+
+def test_walls_are_made_of_what_is_in_the_way(street):
+    settings = street.crowd_lod
+    trouble = warnings_of(street)
+    assert "Agents would walk through kiosk, which stands on their ground" in trouble
+    assert "press Walls from Selection" in trouble
+    assert (np.abs(places_of(street)) < 1.5).all(axis=1).any()
+    bpy.ops.object.select_all(action="DESELECT")
+    assert bpy.ops.crowd_lod.walls_from_selection() == {"FINISHED"}
+    assert [(area.name, area.label) for area in settings.areas] == [("kiosk", "wall")]
+    assert settings.machine.name == "chapter"
+    assert "walk through" not in warnings_of(street)
+    assert not (np.abs(places_of(street)) < 1.9).all(axis=1).any()
+    with pytest.raises(RuntimeError, match="Nothing stands in the agents' way"):
+        bpy.ops.crowd_lod.walls_from_selection()

@@ -1,0 +1,33 @@
+"""A wall that a state machine did not know: agents turn back at it."""
+
+import json
+
+import pytest
+from crowd_lod_extension.crowd_lod.crowd.machine_edits import edit_text
+from crowd_lod_extension.crowd_lod.crowd.machine_walls import WALL, add_wall
+from crowd_lod_extension.crowd_lod.crowd.state_machine import parse, preset_text
+
+
+def test_agents_of_the_chapter_turn_to_the_state_that_walks_back():
+    machine = parse(edit_text(preset_text("chapter"), "chapter", add_wall()), "chapter")
+    assert machine.states == ("walk right", "walk left")
+    wall = machine.labels.index(WALL)
+    assert not machine.spawn[wall]
+    for state, speed in ((0, -1.25), (1, 1.25)):
+        assert machine.velocity[state, wall].tolist() == pytest.approx([speed, 0], abs=1e-6)
+
+
+def test_a_state_that_walks_alone_gets_one_that_walks_back():
+    rules = {"*": {"speed": 2, "heading": 30}}
+    text = json.dumps(
+        {
+            "version": 1,
+            "labels": {"ground": {"color": "#808080"}},
+            "states": {"walk": {"start": 1, "on": rules}, "sit": {"start": 1, "on": {"*": {}}}},
+        }
+    )
+    states = json.loads(edit_text(text, "own", add_wall()))["states"]
+    assert states["walk"]["on"][WALL] == {"next": "walk back", "speed": 2, "heading": 210}
+    assert states["walk back"]["on"]["*"] == {"speed": 2, "heading": 210}
+    assert states["walk back"]["on"][WALL] == {"next": "walk", "speed": 2, "heading": 30}
+    assert states["walk back"]["start"] == 0 and WALL not in states["sit"]["on"]
