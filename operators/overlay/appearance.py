@@ -35,7 +35,7 @@ def style_of(scene, levels: int) -> tuple[Style, tuple[Character, ...], tuple[st
         return (
             points,
             (),
-            ("Press Make LOD Meshes in the Levels of Detail panel to see the characters.",),
+            ("Press Make LOD Meshes in the LOD Meshes panel to see the characters.",),
         )
     if not casting.ready:
         return (

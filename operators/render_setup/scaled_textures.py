@@ -4,7 +4,7 @@ Images are scaled to what the LODs can show. The copies share the scaled images.
 """
 
 import hashlib
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Generator, Iterable
 
 import bpy
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from ...crowd_lod.levels.assignment import deviations, grain, limits
 from ...crowd_lod.levels.texture_scale import halvings, scaled, texel
 from ..blender import cameras, color_space, mesh_data, scene_data
+from ..blender.image_nodes import image_nodes
 from ..machine.scene_world import bias_of
 from ..scene.scene_crowd import characters_of, home_of, policy_of, trajectory_of
 
@@ -74,7 +75,7 @@ def _images(materials: Iterable[bpy.types.Material | None]) -> set[bpy.types.Ima
         node.image
         for material in materials
         if material
-        for node, _ in _textures(material.node_tree)
+        for node, _ in image_nodes(material.node_tree)
     }
 
 
@@ -159,20 +160,6 @@ def _pixels(scene: bpy.types.Scene, settings) -> dict[bpy.types.Object, float]:
     return pixels
 
 
-def _textures(
-    tree: bpy.types.NodeTree | None, path: tuple = ()
-) -> Iterator[tuple[bpy.types.Node, tuple]]:
-    """Yield a material's image texture nodes, each with its path of group nodes.
-
-    The path begins with the outermost group.
-    """
-    for node in tree.nodes if tree else ():
-        if node.type == "TEX_IMAGE" and node.image is not None:
-            yield node, path
-        elif node.type == "GROUP":
-            yield from _textures(node.node_tree, (*path, node))
-
-
 def _coordinates(socket: bpy.types.NodeSocket, path: tuple) -> tuple[str, float] | None:
     """Return (UV map, least factor on it) to which the socket leads back.
 
@@ -217,7 +204,7 @@ def _levels(
     """
     material = copy.material_slots[slot].material
     levels = {}
-    for node, path in _textures(material.node_tree) if material else ():
+    for node, path in image_nodes(material.node_tree) if material else ():
         image = node.image
         at = _coordinates(node.inputs["Vector"], path)
         times = 0
@@ -355,11 +342,11 @@ def _exchange(
         if node.type == "TEX_IMAGE" and node.image in levels:
             node.image = scaled_images[node.image, levels[node.image]]
         elif node.type == "GROUP" and any(
-            inner.image in levels for inner, _ in _textures(node.node_tree)
+            inner.image in levels for inner, _ in image_nodes(node.node_tree)
         ):
             key = frozenset(
                 (inner.image, levels[inner.image])
-                for inner, _ in _textures(node.node_tree)
+                for inner, _ in image_nodes(node.node_tree)
                 if inner.image in levels
             )
             group = node.node_tree

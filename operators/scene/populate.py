@@ -14,6 +14,7 @@ from ..characters.action_troubles import notes_on_actions
 from ..characters.characters import notes_on_left_out, notes_on_unsaved
 from ..characters.glow import notes_on_glow
 from ..characters.group_measuring import measuring_groups
+from ..characters.missing_images import notes_on_images
 from ..characters.stored_groups import store_groups
 from ..characters.take_action import notes_on_gliding
 from ..machine import map_areas
@@ -77,6 +78,7 @@ def _warnings(
     yield from notes_on_actions(scene, groups)
     yield from notes_on_gliding(scene)
     yield from notes_on_glow(scene)
+    yield from notes_on_images(scene)
 
 
 def _result(groups: Sequence[Group], trajectory: Trajectory) -> str:

@@ -38,6 +38,7 @@ _contents: dict[tuple, str] = scene_cache.add_cache({})  # digests of plans, by 
 _crowds: WeakKeyDictionary[Trajectory, dict[str, str]] = WeakKeyDictionary()
 CAMERA = "the camera"
 MESHES = "the LOD meshes"
+OVERRIDES = "the overrides"
 ABOUT = "version", "blend_file", "made_for"  # arrays of a plan's file that say nothing of its LODs
 
 
@@ -141,12 +142,16 @@ def use_of(
 
 
 def phases_of(settings, trajectory: Trajectory) -> Phases | None:
-    """Return the phase classes of the plan in use; None without one, or if the crowd changed."""
+    """Return the phase classes of the plan in use; None without one, or if the crowd changed.
+
+    LOD meshes and overrides may change: the agents are the same.
+    """
     with suppress(CrowdError):
         stored = stored_plan(settings)
         if stored is not None and len(stored.phases.shift) == len(trajectory.start):
             now = crowd_digests(trajectory)
-            if all(stored.made_for.get(name) == now[name] for name in now if name != MESHES):
+            others = now.keys() - {MESHES, OVERRIDES}
+            if all(stored.made_for.get(name) == now[name] for name in others):
                 return stored.phases
     return None
 
@@ -276,7 +281,7 @@ def plan_inputs(
             "" if bias is None else f"{bias.area}", b"" if bias is None else bias.values.tobytes()
         ),
         # with the crowd's own digests these tell the edits, too
-        "the overrides": _digest(digest_of(settings)),
+        OVERRIDES: _digest(digest_of(settings)),
     }
     scene = settings.id_data
     return crowd_digests(trajectory) | of_settings | cast_inputs(scene) | scenery_digest(scene)

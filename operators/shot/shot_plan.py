@@ -279,12 +279,13 @@ def sentence(planned: PlannedShot) -> str:
         if plan.tolerance
         else ""
     )
+    above = max(bill.above(before), 0.0)
     return (
         f"{planned.report.verdict.sentence} "
         f"{counted(frames, 'frame')} of {counted(len(planned.shot.survey.group), 'agent')} "
-        f"planned. LODs change in sight {int(bill.switches.sum()):,} times, by distance "
-        f"{int(before.switches.sum()):,} times, for {max(bill.above(before), 0.0):.1%} more cost "
-        f"at most{bound}.{raised}"
+        f"planned. LODs change in sight {counted(int(bill.switches.sum()), 'time')}, by distance "
+        f"{counted(int(before.switches.sum()), 'time')}, for {above:.1%} more cost at most{bound}."
+        f"{raised}"
     )
 
 

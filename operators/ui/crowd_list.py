@@ -94,6 +94,7 @@ class CROWDLOD_PT_crowd_behavior(_OfCrowd, bpy.types.Panel):
 
     def crowd(self, layout, crowd, index: int) -> None:
         draw_behavior(layout, crowd)
+        active_column(layout, crowd.source != "POINTS").prop(crowd, "first_frame")
         label(layout, MOVERS.get(crowd.source, "The machine moves the agents"), "INFO")
 
 
@@ -181,7 +182,6 @@ def draw_behavior(layout, crowd) -> None:
     column.template_ID(crowd, "map_image", open="image.open")
     label(column, "State Machine")
     column.template_ID(crowd, "machine", new="text.new", open="text.open")
-    active_column(layout, crowd.source != "POINTS").prop(crowd, "first_frame")
 
 
 def draw_simulation(layout, crowd, index: int) -> None:

@@ -64,9 +64,12 @@ def wide(layout, settings, name: str) -> None:
     row.prop(settings, name)
 
 
-def limit(name: str, value: float) -> str:
-    """Return the name of a limit, which says so where the value 0 is none."""
-    return name if value else f"{name} (No Limit)"
+def limit(layout, settings, name: str, text: str) -> None:
+    """Draw a limit over the whole width; its label says so where the value 0 is none."""
+    row = layout.row()
+    row.use_property_split = False
+    label_text = text if getattr(settings, name) else f"{text} (No Limit)"
+    row.prop(settings, name, text=label_text, translate=False)
 
 
 def length(context, units: float) -> str:

@@ -177,6 +177,7 @@ class _Editor(Step):
 
 class CROWDLOD_PT_states(_Editor, bpy.types.Panel):
     bl_label = "States"
+    bl_parent_id = "CROWDLOD_PT_behavior_advanced"
 
     def editor(self, context, layout, editor, draft) -> None:
         _list(context, layout, "states", draft.states, 6)
@@ -206,6 +207,7 @@ class CROWDLOD_PT_states(_Editor, bpy.types.Panel):
 
 class CROWDLOD_PT_rules(_Editor, bpy.types.Panel):
     bl_label = "Rules of State"
+    bl_parent_id = "CROWDLOD_PT_behavior_advanced"
 
     def editor(self, context, layout, editor, draft) -> None:
         state, row = cell_of(context.scene)

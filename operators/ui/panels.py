@@ -192,6 +192,14 @@ class CROWDLOD_PT_behavior(Step, bpy.types.Panel):
         label(layout, MOVERS.get(settings.source, about), "INFO")
 
 
+class CROWDLOD_PT_behavior_advanced(Step, bpy.types.Panel):
+    bl_label = "Advanced"
+    bl_parent_id = "CROWDLOD_PT_behavior"
+
+    def body(self, context, layout, settings) -> None:
+        active_column(layout, settings.source != "POINTS").prop(settings, "first_frame")
+
+
 class CROWDLOD_PT_heights(Step, bpy.types.Panel):
     bl_label = "Ground"
     bl_parent_id = "CROWDLOD_PT_behavior"
@@ -239,7 +247,7 @@ class CROWDLOD_PT_culling(Step, bpy.types.Panel):
 
 
 class CROWDLOD_PT_levels(Step, bpy.types.Panel):
-    bl_label = "Levels of Detail"
+    bl_label = "LOD Meshes"
     step = "levels"
     main = ("crowd_lod.make_levels", "Make")
 
@@ -249,9 +257,7 @@ class CROWDLOD_PT_levels(Step, bpy.types.Panel):
         row.prop(settings, "choice", expand=True)
         if settings.choice == "BY_TOLERANCE":
             layout.prop(settings, "tolerance")
-            layout.prop(
-                settings, "memory", text=limit("Memory, MB", settings.memory), translate=False
-            )
+            limit(layout, settings, "memory", "Memory, MB")
         else:
             layout.prop(settings, "level_count")
             self.ratios(context, layout, settings)
@@ -351,7 +357,7 @@ class CROWDLOD_PT_decimation(Step, bpy.types.Panel):
         active_column(layout, settings.choice == "BY_RATIO").prop(settings, "metric")
         layout.prop(settings, "method")
         active_column(layout, settings.choice == "BY_TOLERANCE").prop(settings, "shading_counts")
-        layout.prop(settings, "hidden_surface_counts")
+        wide(layout, settings, "hidden_surface_counts")
         layout.prop(settings, "scale_textures")
         layout.prop(settings, "bias_image")
         button(layout, "crowd_lod.measure_levels", icon="DRIVER_DISTANCE")
@@ -393,6 +399,7 @@ CLASSES = (
     CROWDLOD_PT_crowd_advanced,
     CROWDLOD_PT_samples,
     CROWDLOD_PT_behavior,
+    CROWDLOD_PT_behavior_advanced,
     CROWDLOD_PT_heights,
     CROWDLOD_PT_simulation,
     CROWDLOD_PT_camera,

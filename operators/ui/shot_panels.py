@@ -37,8 +37,7 @@ class CROWDLOD_PT_plan(Step, bpy.types.Panel):
         frames = settings if settings.own_frames else context.scene
         column.prop(frames, "frame_start")
         column.prop(frames, "frame_end")
-        layout.prop(settings, "avoid_pops")
-        layout.prop(settings, "variety")
+        wide(layout, settings, "avoid_percent")
         _with_report(
             layout, "crowd_lod.plan_shot", "TIME", "PLAN", steps.next_operator(context.scene)
         )
@@ -92,10 +91,8 @@ class CROWDLOD_PT_budget(Step, bpy.types.Panel):
             "budget_finest": "Agents at LOD 0",
         }
         for name, text in names.items():
-            value = getattr(settings, name)
-            layout.prop(settings, name, text=limit(text, value), translate=False)
+            limit(layout, settings, name, text)
         _possible_budgets(context, layout, settings)
-        wide(layout, settings, "plan_blurred")
 
 
 def _possible_budgets(context, layout, settings) -> None:
@@ -151,6 +148,15 @@ class CROWDLOD_PT_exceptions(Step, bpy.types.Panel):
         frames.prop(entry, "last_frame")
 
 
+class CROWDLOD_PT_plan_advanced(Step, bpy.types.Panel):
+    bl_label = "Advanced"
+    bl_parent_id = "CROWDLOD_PT_plan"
+
+    def body(self, context, layout, settings) -> None:
+        layout.prop(settings, "variety")
+        wide(layout, settings, "plan_blurred")
+
+
 class CROWDLOD_PT_plan_output(Step, bpy.types.Panel):
     bl_label = "Output"
     bl_parent_id = "CROWDLOD_PT_plan"
@@ -169,13 +175,21 @@ class CROWDLOD_PT_preview(Step, bpy.types.Panel):
     main = ("crowd_lod.preview", "Preview")
 
     def body(self, context, layout, settings) -> None:
-        for name in ("step", "width", "engine"):
+        for name in ("step", "engine"):
             layout.prop(settings, name)
         # else its color is the overlay's
         active_column(layout, settings.engine != "OVERLAY").prop(settings, "color")
+        _with_report(layout, "crowd_lod.preview", "RENDER_ANIMATION", "PREVIEW", "")
+
+
+class CROWDLOD_PT_preview_advanced(Step, bpy.types.Panel):
+    bl_label = "Advanced"
+    bl_parent_id = "CROWDLOD_PT_preview"
+
+    def body(self, context, layout, settings) -> None:
+        layout.prop(settings, "width")
         layout.prop(settings, "above", text="From Above", translate=False)
         layout.prop(settings, "lod_pictures")
-        _with_report(layout, "crowd_lod.preview", "RENDER_ANIMATION", "PREVIEW", "")
 
 
 class CROWDLOD_PT_build(Step, bpy.types.Panel):
@@ -205,6 +219,13 @@ class CROWDLOD_PT_build(Step, bpy.types.Panel):
             f"Changed: {', '.join(changed)}" if changed else _built(settings.build),
             "FILE_REFRESH" if changed else "INFO",
         )
+
+
+class CROWDLOD_PT_build_advanced(Step, bpy.types.Panel):
+    bl_label = "Advanced"
+    bl_parent_id = "CROWDLOD_PT_build"
+
+    def body(self, context, layout, settings) -> None:
         layout.prop(settings, "keep_characters")
 
 
@@ -267,11 +288,19 @@ class CROWDLOD_PT_verify(Step, bpy.types.Panel):
     main = ("crowd_lod.verify", "Verify")
 
     def body(self, context, layout, settings) -> None:
-        for name in ("verify_count", "verify_width", "verify_samples"):
-            layout.prop(settings, name)
+        layout.prop(settings, "verify_count")
         _with_report(
             layout, "crowd_lod.verify", "CHECKMARK", "VERIFY", steps.next_operator(context.scene)
         )
+
+
+class CROWDLOD_PT_verify_advanced(Step, bpy.types.Panel):
+    bl_label = "Advanced"
+    bl_parent_id = "CROWDLOD_PT_verify"
+
+    def body(self, context, layout, settings) -> None:
+        layout.prop(settings, "verify_width")
+        layout.prop(settings, "verify_samples")
 
 
 class CROWDLOD_PT_hand_over(Step, bpy.types.Panel):
@@ -332,10 +361,14 @@ CLASSES = (
     CROWDLOD_PT_budget,
     CROWDLOD_PT_exceptions,
     CROWDLOD_PT_plan_output,
+    CROWDLOD_PT_plan_advanced,
     CROWDLOD_PT_preview,
+    CROWDLOD_PT_preview_advanced,
     CROWDLOD_PT_build,
     CROWDLOD_PT_cost,
     CROWDLOD_PT_view_layers,
+    CROWDLOD_PT_build_advanced,
     CROWDLOD_PT_verify,
+    CROWDLOD_PT_verify_advanced,
     CROWDLOD_PT_hand_over,
 )

@@ -155,8 +155,10 @@ def test_preview_leaves_the_open_scene_as_it_was(levelled, tmp_path):
         levelled.render.resolution_x, levelled.crowd_lod.build, levelled.crowd_lod.levels, [len(o.data.vertices) for o in levelled.crowd_lod.build.objects],
     )  # fmt: skip
     before = state()
-    list(preview(levelled, Preview([1, 30], tmp_path / "out", 160), []))
+    list(preview(levelled, Preview([1, 30], tmp_path / "out", 160, color="ERROR"), []))
     assert state() == before
+    _, near_green, blue = shares(tmp_path / "out" / "main_0001.png")
+    assert near_green > 0.001 and blue < 0.0005  # as LODs far agents would be blue
     steps = preview(levelled, Preview([1, 30], tmp_path / "esc", 160), [])
     next(steps)
     next(steps)

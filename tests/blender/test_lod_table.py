@@ -169,7 +169,7 @@ def test_the_picture_tints_by_the_distance_to_the_source():
         views, ["two triangles", "two triangles"], ["hidden", "worst"], 0.0
     )
     assert most == pytest.approx(0.25, rel=1e-5)
-    low = pixels[: len(pixels) // 2, ..., :3].reshape(-1, 3).astype(int)
+    low = pixels[: len(pixels) // 2, ..., :3].reshape(-1, 3)[::7].astype(int)
     for end in (
         lod_picture.RAMP[[0, -1]] * 255
     ):  # the near one all in the ramp's first color, the far one in its last

@@ -172,7 +172,8 @@ def test_no_poll_raises_without_a_scene():
 
 
 # what Populate and the handlers write; and lists, which have buttons of their own
-NOT_DRAWN = {"points_count", "start_places", "terrain_mesh", "areas_image"}
+# avoid_pops is drawn in percent
+NOT_DRAWN = {"points_count", "start_places", "terrain_mesh", "areas_image", "avoid_pops"}
 LISTED = {"areas", "exceptions", "exception_index"}
 
 

@@ -114,8 +114,12 @@ def test_the_plan_keeps_to_exceptions_and_its_users_show_them(levelled, tmp_path
             "last": 9,
         },
     ]
+    phases = plan_file.read(tmp_path / "plan" / "plan.npz").phases
+    trajectory = trajectory_of(levelled)
     for number in FRAMES:
         frame = frame_at(levelled, number)
+        crowd = phases.applied(trajectory.at(number), trajectory.gaits)
+        assert (frame.crowd.phase_class == crowd.phase_class).all()
         assert frame.planned and frame.levels[finer] <= 1
         assert frame.levels[pinned] == (2 if 4 <= number <= 6 else 0)
         assert frame.visible[hidden] == (not 6 <= number <= 9)

@@ -5,6 +5,7 @@ theirs.
 import bpy
 import numpy as np
 import pytest
+from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
 from crowd_lod_extension.operators.characters.stored_groups import groups_of
 from crowd_lod_extension.operators.characters.walk_choice import take_walks
 from crowd_lod_extension.operators.sources.crowd_sources import outdated
@@ -181,3 +182,24 @@ def test_without_a_name_the_action_is_taken_whose_feet_fit_the_speed():
     assert armature.animation_data.action.name == "march"
     assert "whose feet fit the speed best, in place of nod" in sentence
     assert [*take_walks(bpy.context.scene, [armature, item])] == []
+
+
+def test_images_that_did_not_come_along_are_told_with_the_way_out(skinned, tmp_path):
+    settings = bpy.context.scene.crowd_lod
+    image = bpy.data.images.new("colormap", 2, 2)
+    image.filepath_raw = str(tmp_path / "colormap.png")
+    image.file_format = "PNG"
+    image.save()
+    image.source = "FILE"
+    shirt = bpy.data.materials.new("shirt")
+    switch_nodes_on(shirt).nodes.new("ShaderNodeTexImage").image = image
+    bpy.data.objects["body"].data.materials.append(shirt)
+    image.filepath = str(tmp_path / "Textures" / "colormap.png")
+    image.reload()
+    bpy.ops.crowd_lod.populate()
+    assert "1 image of someone is missing, and renders pink (" in settings.trouble
+    assert "Textures/colormap.png): copy the pack's textures there, or use File" in settings.trouble
+    image.filepath = str(tmp_path / "colormap.png")
+    image.reload()
+    bpy.ops.crowd_lod.populate()
+    assert "missing" not in settings.trouble

@@ -121,6 +121,16 @@ def test_a_step_that_fails_is_named_with_those_that_stay(shot):
     assert shot.crowd_lod.levels is not None and not shot.crowd_lod.shot_plan
 
 
+def test_what_the_steps_own_buttons_did_is_not_offered_again(shot):
+    for button in ("make_levels", "plan_shot", "build"):
+        getattr(bpy.ops.crowd_lod, button)()
+    look_again(shot)
+    assert due_steps(shot) == {}
+    change_path(shot)
+    look_again(shot)
+    assert PLAN in due_steps(shot)
+
+
 def test_a_build_by_distance_is_not_planned(shot):
     bpy.ops.crowd_lod.build()
     assert update(shot) == ([], [])

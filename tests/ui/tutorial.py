@@ -16,6 +16,7 @@ import numpy as np
 
 sys.path[:0] = map(str, Path(__file__).parents[:2])
 import robot  # noqa: E402
+import second_day  # noqa: E402
 from robot import scene, settings  # noqa: E402
 
 FOLDER = Path(sys.argv[sys.argv.index("--") + 1])
@@ -50,6 +51,7 @@ def session():
     results["verified"] = json.loads(
         (FOLDER / "output" / "verify" / "verify.json").read_text(encoding="utf-8")
     )["ok"]
+    results["second day"] = yield from second_day.perform()
 
 
 def own_scene():

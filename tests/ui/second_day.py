@@ -1,0 +1,113 @@
+"""The second day of docs/tutorial.md's shot, after the director's change.
+
+Another lens and path, one agent overridden, one deleted, a budget; then the proof, and the bake that
+is handed over. `perform` goes on where the tutorial ends, in the same window.
+"""
+
+import sys
+import time
+
+import bpy
+import robot
+from robot import scene, settings
+
+TICK = 0.01  # seconds between two looks whether the window answers
+pressed = []
+freezes = {}
+
+
+class Watch:
+    """Notes the longest time in which Blender answered nothing."""
+
+    def __init__(self):
+        self.longest = 0.0
+        self._stopped = False
+        self._last = time.monotonic()
+        bpy.app.timers.register(self._tick)
+
+    def _tick(self):
+        now = time.monotonic()
+        self.longest = max(self.longest, now - self._last)
+        self._last = now
+        return None if self._stopped else TICK
+
+    def stop(self) -> float:
+        self._stopped = True
+        return round(self.longest, 2)
+
+
+def press(button: str, **properties):
+    watch = Watch()
+    status = yield from robot.press(f"crowd_lod.{button}", **properties)
+    pressed.append(button)
+    freezes[f"{len(pressed)} {button}"] = watch.stop()
+    return status
+
+
+def perform():
+    """Yields the seconds to wait before going on; returns what the tests judge."""
+    change_lens_and_path()
+    yield from robot.picture("8_other_path")
+    found = {"changed": (yield from press("update_all"))}
+    yield from robot.picture("9_updated")
+    first, second = seen_agents()
+    found["override"] = yield from override(first, "ALWAYS")
+    found["delete"] = yield from override(second, "HIDE")
+    yield from robot.picture("10_overridden")
+    settings().budget_triangles = round(0.9 * most_triangles())
+    yield from robot.picture("11_budget")
+    found["again"] = yield from press("update_all")
+    yield from robot.picture("12_updated_again")
+    found["agents"] = built_agents()
+    found["overridden"] = [first, second]
+    found["triangles"] = most_triangles()
+    found["budget"] = settings().budget_triangles
+    found["nothing due"] = not due()
+    found["proof"] = yield from press("verify")
+    found["verdict"] = bpy.data.images["Crowd LOD Proof"].packed_file is not None and verdict()
+    yield from robot.picture("13_proof")
+    found["handed_over"] = yield from press("bake")
+    yield from robot.picture("14_baked")
+    return found | {"pressed": pressed, "freezes": freezes}
+
+
+def change_lens_and_path():
+    camera = scene().camera
+    camera.data.lens = 38
+    for frame, x in ((1, 0.0), (24, 2.5)):
+        camera.location.x += x
+        camera.keyframe_insert("location", frame=frame)
+
+
+def seen_agents() -> list[int]:
+    """Two agents that the build shows at its coarsest LOD."""
+    return built_agents()[-1][:2]
+
+
+def built_agents() -> list[list[int]]:
+    """The agents that the camera sees in each LOD of the build."""
+    seen = [item for item in settings().build.objects if item.visible_camera]
+    seen.sort(key=lambda item: item["crowd_lod_level"])
+    return [[entry.value for entry in item.data.attributes["id"].data] for item in seen]
+
+
+def override(agent: int, kind: str):
+    settings().agent = agent
+    status = yield from press("except_agent")
+    settings().exceptions[settings().exception_index].kind = kind
+    return status
+
+
+def most_triangles() -> int:
+    """Triangles that the frame draws."""
+    return robot.overlay().latest(scene()).triangles
+
+
+def verdict() -> str:
+    """What the last proof found."""
+    return sys.modules[f"{robot.MODULE}.operators.runs.verify_button"].verdict_of(scene())
+
+
+def due() -> dict:
+    """The steps that Update All would do."""
+    return sys.modules[f"{robot.MODULE}.operators.runs.update_all"].due_steps(scene())
