@@ -55,7 +55,9 @@ def occluders_of(
     if _camera_blurs(scene):
         return join_occluders(()), (UNMAPPED,)
     excluded = _excluded(scene.crowd_lod)
-    reading = read_occluders(scenery, scene, depsgraph, excluded)
+    if scenery.occluding is None or scenery.occluding[0] != excluded:
+        scenery.occluding = excluded, read_occluders(scenery, scene, depsgraph, excluded)
+    reading = scenery.occluding[1]
     if times and at is None:
         with frame_stepping.stage() as staged:
             return occluders_of(scene, scenery, depsgraph, times, staged)
@@ -86,10 +88,10 @@ def scenery_digest(scene: bpy.types.Scene) -> dict[str, str]:
         for item in home.all_objects
         if item.type == "MESH" and not item.get(OWNED) and item not in excluded
     }
-    named = sorted(items, key=lambda item: item.name_full)
-    looks = [(item.name_full, *(getattr(item, flag) for flag in SHOWN)) for item in named]
-    opaque = [[is_opaque(slot.material) for slot in item.material_slots] for item in named]
-    return {"the scenery": text_digest(character_digest(named), looks, opaque)}
+    sorted_items = sorted(items, key=lambda item: item.name_full)
+    looks = [(item.name_full, *(getattr(item, flag) for flag in SHOWN)) for item in sorted_items]
+    opaque = [[is_opaque(slot.material) for slot in item.material_slots] for item in sorted_items]
+    return {"the scenery": text_digest(character_digest(sorted_items), looks, opaque)}
 
 
 def _is_see_through(shading: bpy.types.View3DShading) -> bool:

@@ -96,6 +96,11 @@ def test_what_is_not_solid_hides_nobody_and_is_told(street):
     item.modifiers.new("Subdivision", "SUBSURF").render_levels = 3
     assert "otherwise than the viewport: House 0 0" in reasons_of(street)
     item.modifiers.clear()
+    item.parent = bpy.data.objects["House 2 4"]
+    item.parent.instance_type = "VERTS"
+    assert "instancing alone: House 0 0" in reasons_of(street)
+    item.parent.instance_type = "NONE"
+    item.parent = None
     home = bpy.data.collections.new("Through")
     home.objects.link(item)
     street.crowd_lod.see_through = home
