@@ -16,19 +16,21 @@ from .occluders import Occluders
 from .sheets import ROUNDING, Grid, Sheets, grid_of, read_sheets
 
 
-def map_depths(occluders: Occluders, camera: Camera, others: Sequence[Camera] = ()) -> np.ndarray:
+def map_depths(
+    occluders: Occluders, camera: Camera, neighbors: Sequence[Camera] = ()
+) -> np.ndarray:
     """Return the map of nearness (rows, columns) float64, the bottom row first.
 
     -inf where a ray through the cell may pass. Else no ray of the camera gets beyond that nearness
     within the cell.
 
     camera: PERSP or ORTHO.
-    others: the same camera at the times before and after. The map then holds for it at all times
-        between, if it moves on without turning back: between two times the border of a sheet passes
-        no cell farther from it than it moves, so such cells stay covered, or uncovered.
+    neighbors: the same camera at the times before and after. The map then holds at all times
+        between, if the camera moves on without turning back: the border of a sheet then passes no
+        cell farther from it than it moves, so such cells stay covered, or uncovered.
     """
     grid = grid_of(camera)
-    return _draw(read_sheets(occluders, (camera, *others), grid), grid)
+    return _draw(read_sheets(occluders, (camera, *neighbors), grid), grid)
 
 
 def _draw(sheets: Sheets, grid: Grid) -> np.ndarray:
@@ -97,10 +99,10 @@ def _whole_cells(
 def _cells_of(low: np.ndarray, wide: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return (which rectangle, column, row) of each cell of rectangles."""
     count = wide.prod(axis=1)
-    which = np.repeat(np.arange(len(count)), count)
-    place = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
-    row, column = np.divmod(place, wide[which, 0])
-    return which, column + low[which, 0], row + low[which, 1]
+    rectangle = np.repeat(np.arange(len(count)), count)
+    place = np.arange(len(rectangle)) - np.repeat(np.cumsum(count) - count, count)
+    row, column = np.divmod(place, wide[rectangle, 0])
+    return rectangle, column + low[rectangle, 0], row + low[rectangle, 1]
 
 
 def _draw_triangles(
@@ -115,21 +117,21 @@ def _draw_triangles(
     last = first + plots.wide[sheets.sheet]
     end = np.minimum(low + wide, last)
     low = np.maximum(low, first)
-    which, x, y = _cells_of(low, np.maximum(end - low, 0))
+    triangle, x, y = _cells_of(low, np.maximum(end - low, 0))
     sides = np.roll(flat, -1, axis=1) - flat
     area = sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]
-    sign = np.sign(area)[which]
-    inside = np.abs(area[which]) > ROUNDING
-    touched = np.ones(len(which), bool)
+    sign = np.sign(area)[triangle]
+    inside = np.abs(area[triangle]) > ROUNDING
+    touched = np.ones(len(triangle), bool)
     for k in range(3):
-        across = sides[which, k, 0] * (y + 0.5 - flat[which, k, 1])
-        across -= sides[which, k, 1] * (x + 0.5 - flat[which, k, 0])
+        across = sides[triangle, k, 0] * (y + 0.5 - flat[triangle, k, 1])
+        across -= sides[triangle, k, 1] * (x + 0.5 - flat[triangle, k, 0])
         across *= sign
         reach = np.abs(sides[:, k]).sum(axis=1) * (0.5 + slack)
         inside &= across >= 0
-        touched &= across >= -reach[which]
-    least = _least_nearness(corners, area, slack, which, x, y)
-    numbers = plots.numbers(sheets.sheet[which], x, y)
+        touched &= across >= -reach[triangle]
+    least = _least_nearness(corners, area, slack, triangle, x, y)
+    numbers = plots.numbers(sheets.sheet[triangle], x, y)
     covered[numbers[inside]] = True
     np.minimum.at(farthest, numbers[touched], least[touched])
 
@@ -138,11 +140,11 @@ def _least_nearness(
     corners: np.ndarray,
     area: np.ndarray,
     slack: np.ndarray,
-    which: np.ndarray,
+    triangle: np.ndarray,
     x: np.ndarray,
     y: np.ndarray,
 ) -> np.ndarray:
-    """Return the least nearness of triangle `which` in the cells x, y, each (c,)."""
+    """Return the least nearness, in the cells x and y (c,), of a triangle for each (c,)."""
     x1, y1, w1 = (corners[:, 1] - corners[:, 0]).T
     x2, y2, w2 = (corners[:, 2] - corners[:, 0]).T
     is_wide = np.abs(area) > ROUNDING
@@ -150,10 +152,10 @@ def _least_nearness(
     along_x = (w1 * y2 - w2 * y1) / safe
     along_y = (w2 * x1 - w1 * x2) / safe
     start = corners[:, 0, 2] - (np.abs(along_x) + np.abs(along_y)) * (0.5 + slack)
-    plane = start[which] + along_x[which] * (x + 0.5 - corners[which, 0, 0])
-    plane += along_y[which] * (y + 0.5 - corners[which, 0, 1])
-    of_corners = corners[:, :, 2].min(axis=1)[which]
-    return np.where(is_wide[which], np.maximum(plane, of_corners), of_corners)
+    plane = start[triangle] + along_x[triangle] * (x + 0.5 - corners[triangle, 0, 0])
+    plane += along_y[triangle] * (y + 0.5 - corners[triangle, 0, 1])
+    of_corners = corners[:, :, 2].min(axis=1)[triangle]
+    return np.where(is_wide[triangle], np.maximum(plane, of_corners), of_corners)
 
 
 def _border_cells(sheets: Sheets, grid: Grid, plots: _Plots) -> np.ndarray:
@@ -164,11 +166,11 @@ def _border_cells(sheets: Sheets, grid: Grid, plots: _Plots) -> np.ndarray:
     first = plots.low[sheets.border_sheet]
     end = np.minimum(low + wide, first + plots.wide[sheets.border_sheet])
     low = np.maximum(low, first)
-    which, x, y = _cells_of(low, np.maximum(end - low, 0))
+    border, x, y = _cells_of(low, np.maximum(end - low, 0))
     way = ends[:, 1] - ends[:, 0]
-    across = way[which, 0] * (y + 0.5 - ends[which, 0, 1])
-    across -= way[which, 1] * (x + 0.5 - ends[which, 0, 0])
+    across = way[border, 0] * (y + 0.5 - ends[border, 0, 1])
+    across -= way[border, 1] * (x + 0.5 - ends[border, 0, 0])
     reach = np.abs(way).sum(axis=1) * (0.5 + slack) + ROUNDING
-    touches = np.abs(across) <= reach[which]
-    which = which[touches]
-    return plots.numbers(sheets.border_sheet[which], x[touches], y[touches])
+    touches = np.abs(across) <= reach[border]
+    border = border[touches]
+    return plots.numbers(sheets.border_sheet[border], x[touches], y[touches])

@@ -42,15 +42,15 @@ class Rectangles:
 class OcclusionMap:
     """What scenery hides from one camera."""
 
-    def __init__(self, occluders: Occluders, camera: Camera, others: Sequence[Camera] = ()):
+    def __init__(self, occluders: Occluders, camera: Camera, neighbors: Sequence[Camera] = ()):
         """Draw the map.
 
         camera: PERSP or ORTHO, without lens blur.
-        others: the same camera at the times before and after (see depth_map.map_depths).
+        neighbors: the same camera at the times before and after (see depth_map.map_depths).
         """
-        self.cameras = (camera, *others)
+        self.cameras = (camera, *neighbors)
         self.grid: Grid = grid_of(camera)
-        self.levels = [map_depths(occluders, camera, others)]
+        self.levels = [map_depths(occluders, camera, neighbors)]
         while min(self.levels[-1].shape) > 1:
             self.levels.append(_halved(self.levels[-1]))
 
@@ -65,12 +65,12 @@ class OcclusionMap:
         points: (m, 3) meters, their centers.
         radius: (m,) meters.
         """
-        first, *others = (
+        body, *elsewhere = (
             _rectangles(points, radius, each, self.grid.of_camera(each)) for each in self.cameras
         )
-        for other in others:
-            first = first.joined(other)
-        return first
+        for rectangles in elsewhere:
+            body = body.joined(rectangles)
+        return body
 
     def hides(self, bodies: Rectangles) -> np.ndarray:
         """Return which of m bodies no ray of the camera meets, (m,) bool.

@@ -140,6 +140,7 @@ def _reason_against(
                 or (item.is_instancer and not item.show_instancer_for_render)
             ),
         ),
+        ("it is shown by its parent's instancing alone", lambda: _is_template(item)),
         ("it is a holdout", lambda: evaluated.is_holdout or top.is_holdout),
         ("it is not solid in all view layers", lambda: not all(_shows(top, x) for x in layers)),
         (
@@ -169,6 +170,15 @@ def _shows(top: bpy.types.Object, layer: bpy.types.ViewLayer) -> bool:
         and not top.holdout_get(view_layer=layer)
         and not top.indirect_only_get(view_layer=layer)
     )
+
+
+def _is_template(item: bpy.types.Object) -> bool:
+    """Return whether the object shows only as instances on an ancestor's vertices or faces."""
+    parents = []
+    while item.parent is not None:
+        item = item.parent
+        parents.append(item)
+    return any(parent.instance_type in ("VERTS", "FACES") for parent in parents)
 
 
 def _subdivides_alike(item: bpy.types.Object, scene: bpy.types.Scene) -> bool:

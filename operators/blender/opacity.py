@@ -66,10 +66,10 @@ def _node_blocks(node: bpy.types.Node) -> bool:
             or transmission.default_value > 0
         )
     if node.type in MIXES:
-        shaders = [each for each in node.inputs if each.type == "SHADER"]
+        shaders = [socket for socket in node.inputs if socket.type == "SHADER"]
         return bool(shaders) and all(map(_blocks, shaders))
     if node.type == "GROUP" and node.node_tree is not None and not node.node_tree.animation_data:
-        ends = [each for each in node.node_tree.nodes if each.type == "GROUP_OUTPUT"]
-        shaders = [each for end in ends for each in end.inputs if each.type == "SHADER"]
+        ends = [end for end in node.node_tree.nodes if end.type == "GROUP_OUTPUT"]
+        shaders = [socket for end in ends for socket in end.inputs if socket.type == "SHADER"]
         return bool(shaders) and all(map(_blocks, shaders))
     return node.type in OPAQUE

@@ -43,6 +43,8 @@ class Scenery:
     bounded: whether the objects' own bounding boxes hold everything: not if nodes or particles make
         instances.
     instanced: lights that objects of `shining` make, as lights.py read them; None if outdated.
+    occluding: (objects that hide nobody, what else may hide agents, as blender/occluders.py read
+        it); None if outdated.
     """
 
     def __init__(self, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None):
@@ -62,6 +64,7 @@ class Scenery:
         self.bounded = not self._makers
         # the lights that `shining` makes, which scene/lights.py reads; None when they are outdated
         self.instanced = None
+        self.occluding = None
         self._reached: set[int] | None = None  # session_uids of what these lights depend on
         # objects that `depsgraph` does not hold have the values of the file's own data, which other
         # scenes and layers may change
@@ -178,12 +181,16 @@ class Scenery:
         kind = item.id_type  # several times as quick as isinstance
         if kind == "OBJECT":
             uid = item.original.session_uid
+            if uid in self._rows:
+                self.occluding = None
             if uid in self._hides and self._hides[uid] != item.hide_render:
                 return False
             self._moved.update(self._rows.get(uid, ()))
             if self._reached is None or uid in self._reached:
                 self.instanced = None
-        elif kind == "COLLECTION":
+        else:
+            self.occluding = None
+        if kind == "COLLECTION":
             uid = item.original.session_uid
             offset = tuple(item.original.instance_offset)
             self.instanced = None

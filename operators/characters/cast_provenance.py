@@ -40,6 +40,14 @@ def reading_afresh(scene: bpy.types.Scene) -> Iterator[float]:
     Yields between the parts.
     """
     provenance.look_afresh()
+    yield from reading(scene)
+
+
+def reading(scene: bpy.types.Scene) -> Iterator[float]:
+    """Read what is not known of characters and LODs, so that cast_inputs answers quickly.
+
+    Yields between the parts.
+    """
     with suppress(CrowdError):  # missing characters are told elsewhere
         for character in all_characters(scene):
             for item in character.objects:

@@ -35,7 +35,7 @@ from .level_objects import AS_MADE, WAY, WHY, discard, hash_made, make_object, s
 from .measurements import OFTEN_LOST, Measurements
 from .pose_deformation import skin_of
 from .search import Search
-from .workload import FURTHER, LOOK, MAKE, SEARCH
+from .workload import Costs
 
 # Custom properties of the collection of one character group in a LOD: the hash of what it was made
 # from, which candidate it is, and how many objects it has. That of the finest LOD also has what was
@@ -102,6 +102,7 @@ class Ladder:
     homes: goal -> the collection of that candidate's objects; new_homes: those of them that were
         made now.
     given: LODs that artists made, by goal; counts: their vertices and triangles.
+    costs: of the work on it.
     """
 
     def __init__(
@@ -131,6 +132,7 @@ class Ladder:
         self.given: dict[float, GivenLod] = {}
         self.counts: dict[float, tuple[int, int]] = {}
         self.search: Search | None = None
+        self.costs = Costs()
 
     def read(self) -> Iterator[float]:
         digests = []
@@ -162,7 +164,7 @@ class Ladder:
         triangles = [len(source.mesh.loops) - 2 * len(source.mesh.polygons) for source in meshes]
         for source, count in zip(meshes, triangles, strict=True):
             source.share = count / sum(triangles)
-        self._size = sum(triangles) ** 0.5  # reading and searching take about as much longer
+        self.costs = Costs(sum(triangles), self.searched, len(self.goals))
         self._read_given(sum(triangles))
 
     def _read_given(self, triangles: int) -> None:
@@ -190,21 +192,6 @@ class Ladder:
             elif self.given:
                 part = min(goal, FOLLOWING * part)
                 self.goals[k] = part
-
-    @property
-    def cost(self) -> float:
-        """What making and measuring a candidate costs, see Workload."""
-        return self._size * (SEARCH if self.searched else MAKE)
-
-    @property
-    def further_cost(self) -> float:
-        """What further candidates may cost that the measurements of others call for."""
-        return self._size * SEARCH * FURTHER if self.searched else 0.0
-
-    @property
-    def look_cost(self) -> float:
-        """What `look_between` costs."""
-        return 0.0 if self.searched else self._size * LOOK * len(self.goals)
 
     def recall(self, earlier: bpy.types.Collection | None) -> None:
         for home in self._earlier_homes(earlier):
@@ -286,12 +273,12 @@ class Ladder:
         elif goal in self.given:
             yield from self._measure_given(goal)
         else:
-            counts = yield from share(self._make(goal), 0.0, 0.7)
+            counts = yield from share(self._make(goal), 0.0, 0.4)
             k = self.goals.index(goal)
             steps = self.judge.level(list(self.homes[goal].objects), k)
             if self._is_whole(goal) and all(source.item.type == "MESH" for source in self.sources):
                 steps = self.judge.whole()
-            deviation = yield from share(steps, 0.7, 1.0)
+            deviation = yield from share(steps, 0.4, 1.0)
             yield from standing(self._note(goal, counts, deviation), 1.0)
 
     def _measure_given(self, goal: float) -> Iterator[float]:
@@ -418,6 +405,14 @@ class Ladder:
         # by ratio all are made, whatever they deviate by
         return self.measured.complete(group, self.goals, usual if self.searched else None)
 
+    def mark_as_made(self, kept_homes: list[bpy.types.Collection]) -> Iterator[float]:
+        """Note what the objects of the chosen collections are like; yield between them."""
+        for home in kept_homes:
+            if home in self.new_homes.values():
+                for item in home.objects:
+                    item[AS_MADE] = hash_made(item)
+                    yield 0.0
+
     def settle(self, kept_homes: list[bpy.types.Collection]) -> None:
         goals = list(self.measured.rows)
         if len(goals) > MOST_GOALS:
@@ -431,7 +426,3 @@ class Ladder:
         doomed = [home for home in self.new_homes.values() if home not in kept_homes]
         discard([item for home in doomed for item in home.objects])
         bpy.data.batch_remove(doomed)
-        for home in self.new_homes.values():
-            if home in kept_homes:
-                for item in home.objects:
-                    item[AS_MADE] = hash_made(item)

@@ -98,8 +98,9 @@ class Measure:
         if self.character is not None:
             return
         yield from standing(self.choose_frames(), 0.0)
-        shapes = yield from read_shapes(self.objects, self.frames, self.performance)
-        diagonals = yield from standing(aside(lambda: _diagonals(shapes)), 1.0)
+        reading = read_shapes(self.objects, self.frames, self.performance)
+        shapes = yield from share(reading, 0.0, 0.3)
+        diagonals = yield from standing(aside(lambda: _diagonals(shapes)), 0.3)
         if not diagonals:
             raise CrowdError(
                 f"The character {self.name} shows no face in any pose of its action: check its "
@@ -107,7 +108,9 @@ class Measure:
             )
         self.diagonal = max(diagonals)
         surfacing = aside(lambda: PosedSurface(shapes, self.hidden_counts))
-        self.character = yield from standing(surfacing, 1.0)
+        self.character = yield from standing(surfacing, 0.4)
+        # it takes most of the time
+        yield from standing(aside(lambda: self.character.visible), 0.5)
 
     def visible(self, number: int) -> np.ndarray:
         """Return which vertices of the object someone may see, (n,) bool, as it is evaluated.
@@ -195,7 +198,7 @@ class Measure:
         lod = yield from standing(surfacing, 0.4)
         self._levels[_key(objects)] = lod
         comparing = aside(lambda: compare_surfaces(self.character, lod, self.frames))
-        compared = yield from standing(comparing, 0.4)
+        compared = yield from standing(comparing, 0.7)
         if compared is None:
             raise CrowdError(
                 f"LOD {k} of {self.name} has no face: raise its ratio and press Make LOD Meshes."

@@ -3,7 +3,7 @@
 import base64
 import json
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -104,15 +104,17 @@ def note_shot(
     groups: Sequence[Group],
     shots: Sequence[GroupShot | None],
     keep: Sequence[Sequence[int]],
+    inputs: Mapping[str, str],
 ) -> None:
     """Store in the scene's LODs what they were made for, and what they were chosen from.
 
     groups: with values of all their candidates.
     shots: where each group's agents are; None: not chosen by tolerance.
     keep: for each group, the candidates that it has.
+    inputs: digests of the characters, see of_characters.
     """
     top = scene.crowd_lod.levels
-    provenance.keep(top, MADE_FOR, _facts(scene) | of_characters(cast_inputs(scene)))
+    provenance.keep(top, MADE_FOR, _facts(scene) | inputs)
     top[CHOSEN_FROM] = json.dumps(
         {
             "camera": _scale(scene),

@@ -16,7 +16,7 @@ from ..blender import scene_data
 from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED, remove_owned
 from ..blender.unfinished import blocks_now, made_since
-from ..characters.cast_provenance import reading_afresh
+from ..characters.cast_provenance import cast_inputs, of_characters, reading_afresh
 from ..characters.characters import GROUP, Character, all_characters
 from ..characters.group_measuring import measuring_groups, stands
 from ..characters.stored_groups import store_groups
@@ -29,7 +29,7 @@ from . import selection
 from .candidates import CANDIDATE, Ladder
 from .level_objects import TINTS
 from .made_for import note_shot
-from .workload import READ, Workload
+from .workload import BEGUN, Workload
 
 
 @dataclass(frozen=True)
@@ -89,11 +89,12 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
     before = blocks_now()
     is_done = False
     try:
-        ladders, groups, shots = yield from _read(scene, characters, earlier)
         work = Workload()
+        ladders, groups, shots = yield from _read(scene, characters, earlier, work)
         choice, guesses = yield from _chosen(scene, ladders, groups, shots, work)
         homes, edited = yield from _made(ladders, choice.keep, earlier, work)
         yield from standing(reading_afresh(scene), 1.0)
+        inputs = of_characters(cast_inputs(scene))
         is_done = True
     except ReferenceError as error:  # by a script or another add-on, between two steps
         raise CrowdError(
@@ -116,7 +117,7 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
         scene_data.let_go(scene, "levels")
     _show_nowhere(scene, top)
     settings.dropped = "\n".join(_told(ladders, choice.dropped))
-    note_shot(scene, guesses, shots, choice.keep)
+    note_shot(scene, guesses, shots, choice.keep, inputs)
     settings.memory_tolerance = choice.tolerance
     settings.memory_made = settings.memory
     settings.estimate = ""
@@ -156,6 +157,7 @@ def _read(
     scene: bpy.types.Scene,
     characters: Sequence[Character],
     earlier: bpy.types.Collection | None,
+    work: Workload,
 ) -> Iterator[float]:
     """Read and measure the characters; yields the progress.
 
@@ -172,13 +174,16 @@ def _read(
         ladder = Ladder(
             name, character.objects, list(ratios), settings, place, character.given_lods
         )
-        begin = 0.3 * READ * g / len(characters)
-        yield from share(ladder.read(), begin, begin + 0.3 * READ / len(characters))
+        begin = BEGUN * g / len(characters)
+        yield from share(ladder.read(), begin, begin + BEGUN / len(characters))
         ladder.recall(earlier)
         ladders.append(ladder)
         if ladder.reach:
             reaches[name] = ladder.reach
-    groups = yield from share(measuring_groups(scene, reaches), 0.3 * READ, 0.65 * READ)
+    unknown = [ladder for ladder in ladders if not ladder.measured.rows]
+    reading = sum(ladder.costs.read for ladder in unknown)
+    work.left = reading + sum(ladder.costs.expected for ladder in unknown)
+    groups = yield from work.take(measuring_groups(scene, reaches), 0.15 * reading)
     shots = [None] * len(groups)
     is_limited = bool(settings.memory) or limits_levels(settings)
     if settings.choice == "BY_TOLERANCE":
@@ -186,13 +191,12 @@ def _read(
         looking = with_record(
             scene, frames, lambda: selection.views(scene, settings, trajectory_of(scene, groups))
         )
-        shots = yield from share(looking, 0.65 * READ, 0.75 * READ)
-    for g, (ladder, group, shot) in enumerate(zip(ladders, groups, shots, strict=True)):
-        begin = READ * (0.75 + 0.25 * g / len(ladders))
+        shots = yield from work.take(looking, 0.05 * reading)
+    for ladder, group, shot in zip(ladders, groups, shots, strict=True):
         ladder.reach = group.lowest, group.center, group.radius
         for goal in (ladder.goals[0], *ladder.given):
             if goal in ladder.goals and goal not in ladder.measured.rows:
-                yield from standing(ladder.measure(goal), begin)
+                yield from work.take(ladder.measure(goal), 0.8 * ladder.costs.read)
         if shot is not None:
             ladder.aim(group, shot.views, round(settings.tolerance, 6), is_limited)
     return ladders, groups, shots
@@ -244,11 +248,11 @@ def _chosen(
             for k in keep
             if k not in indices
         ]
-        work.left = sum(ladder.cost for ladder, _ in missing)
-        work.left += sum(ladder.further_cost for ladder in {ladder for ladder, _ in missing})
-        work.left += sum(ladder.look_cost for ladder in ladders)
+        work.left = sum(ladder.costs.make for ladder, _ in missing)
+        work.left += sum(ladder.costs.further for ladder in {ladder for ladder, _ in missing})
+        work.left += sum(ladder.costs.look for ladder in ladders)
         for ladder, k in missing[:1]:  # it says more of the others
-            yield from work.take(ladder.measure(ladder.goals[k]), ladder.cost)
+            yield from work.take(ladder.measure(ladder.goals[k]), ladder.costs.make)
     return choice, guesses
 
 
@@ -275,9 +279,10 @@ def _made(
         ]:
             edited.append(ladder.name)
         for goal in missing:
-            yield from work.take(ladder.make(goal), ladder.cost)
-        yield from work.take(ladder.look_between(goals), ladder.look_cost)
+            yield from work.take(ladder.make(goal), ladder.costs.make)
+        yield from work.take(ladder.look_between(goals), ladder.costs.look)
         homes.append([ladder.homes[goal] for goal in goals])
+        yield from work.take(ladder.mark_as_made(homes[-1]), 0.0)
         used_homes.update(homes[-1])
     return homes, edited
 

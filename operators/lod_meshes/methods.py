@@ -253,11 +253,12 @@ def errors(source: Source, mesh: bpy.types.Mesh) -> Generator[None, None, Errors
     lod_surface = Surface(points, triangles)
     rest = yield from aside(lambda: roughly(source.surface, lod_surface, COMPARED))
     motion = yield from aside(lambda: _off_in_motion(source, lod_surface))
+    area = yield from aside(lambda: lod_surface.silhouette / source.surface.silhouette)
     off = yield from aside(partial(uv_error, source, _maps_of(source, mesh), lod_surface, corners))
     return Errors(
         rest / diagonal,
         off,
-        lod_surface.silhouette / source.surface.silhouette,
+        area,
         motion=motion / diagonal,
     )
 

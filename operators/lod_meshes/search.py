@@ -22,7 +22,7 @@ from .methods import LEAST
 from .source_mesh import Source
 
 LEFT = 0.15  # part of a search that is left after the first measurement of the whole, on average
-FITTED = 0.65  # part of a try of a length after which the whole is measured
+FITTED = 0.72  # part of a try of a length after which the whole is measured
 ROUNDS = 5  # tries of a length, at most, before the whole is measured
 MOST_MEASURED = 4  # times that the whole is measured, at most
 # Where no LOD fits, the last try aims at the estimated deviation divided by this.
@@ -324,22 +324,24 @@ class Search:
             # each object by one method at a time
             for number in range(max(map(len, plans))):
                 attempts = yield from self._try(
-                    [tries[number : number + 1] for tries in plans], k / ROUNDS
+                    [tries[number : number + 1] for tries in plans], (k + 0.3) / ROUNDS
                 )
                 objects = [
                     new[0] if new else curve.best(near)
                     for new, curve in zip(attempts, self.curves, strict=True)
                 ]
-                yield from standing(self.by.read(), k / ROUNDS)
+                yield from standing(self.by.read(), (k + 0.3) / ROUNDS)
                 steps = self.by.estimate([attempt.item for attempt in objects], length)
-                estimate = yield from standing(steps, k / ROUNDS)
+                estimate = yield from standing(steps, (k + 0.7) / ROUNDS)
                 for index, (new, curve) in enumerate(zip(attempts, self.curves, strict=True)):
                     for attempt in new:
-                        yield from standing(self._note(index, attempt, estimate), k / ROUNDS)
+                        yield from standing(
+                            self._note(index, attempt, estimate), (k + 0.7) / ROUNDS
+                        )
                         if not curve.dispensable:
                             curve.known_tries[attempt.method].append(attempt)
             if not any(plans):
-                missed = yield from standing(self._miss_left_out(length), k / ROUNDS)
+                missed = yield from standing(self._miss_left_out(length), (k + 0.7) / ROUNDS)
                 if k + 1 == ROUNDS or not missed:
                     return
 

@@ -20,6 +20,7 @@ from ..blender.animation import armatures_of, curves_of, players_of
 from ..blender.guard import guard
 from ..blender.image_data import LOOK_AGAIN
 from ..blender.material_colors import Looks
+from ..blender.operator import at_work
 from ..blender.rig_dependencies import KEYS, read_columns
 from ..characters.characters import GROUP
 from ..lod_meshes.cast_digest import cast_digest
@@ -59,6 +60,7 @@ class Casting:
         self.notes = (why,)
 
 
+WAIT = 0.2  # seconds until bake_some looks again whether a step is at work
 _castings: dict[int, Casting] = scene_cache.add_cache({}, by_scene=True)
 
 
@@ -109,8 +111,11 @@ def drop(scene: bpy.types.Scene) -> None:
 def bake_some() -> float | None:
     """Timer: bake a few frames.
 
-    Baking adds and removes data-blocks, which must not be done while Blender draws.
+    Baking adds and removes data-blocks, which must not be done while Blender draws. It waits for the
+    end of a step that is at work.
     """
+    if at_work:
+        return WAIT
     for scene in bpy.data.scenes:
         casting = _castings.get(scene.session_uid)
         if casting is not None and not casting.ready:

@@ -12,8 +12,10 @@ from ...crowd_lod.behavior.walk import stray_places
 from ...crowd_lod.frame.agent_under_cursor import Account, account
 from ...crowd_lod.frame.frame import Frame
 from ..blender import scene_cache, scene_data, sidebars
+from ..blender.frame_stepping import is_stepped
 from ..blender.guard import guard
 from ..blender.image_data import LOOK_AGAIN
+from ..blender.operator import at_work
 from . import (
     character_cache,
     hud,
@@ -192,12 +194,23 @@ def follow(context) -> Display:
     """Return what to show of the context's scene; compute only what has changed."""
     scene = context.scene
     before = _displays.get(scene.session_uid)
-    display = display_now(context, before)
+    display = before if _stays(scene, before) else display_now(context, before)
     if display is not before:
         scene_cache.tidy()
         _displays[scene.session_uid] = display
         _redraw_sidebars_soon()
     return display
+
+
+def _stays(scene: bpy.types.Scene, display: Display | None) -> bool:
+    """Return whether the viewport shows what it did: a step is at work, and the user in the frame.
+
+    Steps go through frames, and change data, only for a while.
+    """
+    if not at_work or display is None or display.frame is None:
+        return False
+    stays_there = is_stepped(scene) or display.frame.time == scene_data.time_of(scene)
+    return stays_there and scene.crowd_lod.overlay_camera != "VIEWPORT"
 
 
 @guard(failed=WATCH)
@@ -207,7 +220,8 @@ def _watch() -> float:
     They are if settings have changed, or if the last drawing did not compare the crowd with its
     sources (see _crowd_of) and LOOK_AGAIN seconds have passed. Returns seconds to the next call.
     """
-    for scene in {window.scene for window in bpy.context.window_manager.windows}:
+    scenes = {window.scene for window in bpy.context.window_manager.windows}
+    for scene in scenes if not at_work else ():
         display = display_of(scene)
         is_due = (
             display is not None

@@ -13,10 +13,11 @@ import numpy as np
 from ...crowd_lod.animation.phase_classes import Library
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import number as figure
-from ...crowd_lod.progress import share
+from ...crowd_lod.progress import share, standing
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import provenance, scene_data, stored_values
 from ..blender.ownership import OWNED, remove_owned
+from ..characters.cast_provenance import reading
 from ..characters.stored_groups import groups_of
 from ..lod_meshes.made_for import to_make_again
 from ..lod_meshes.make_lods import TINTS
@@ -147,6 +148,7 @@ def build(
     complete = selection is None
     cast = of_plan = None
     if complete:
+        yield from standing(reading(scene), 0.0)
         of_plan = yield from share(meshes_of_plan(scene), 0.0, 0.2)
         cast = _current_cast(scene, of_plan)
     if cast is None:

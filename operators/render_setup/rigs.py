@@ -14,6 +14,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
+from ...crowd_lod.progress import standing
 from ..blender import mesh_data
 from ..blender.performance import Performance
 from ..characters.bone_motion import NEAR, copy_unlinked
@@ -154,7 +155,8 @@ def make_model(
     recording = yield from record_closely(actors, performance, allowed)
     while True:
         model = model_of(name, recording, origin, blocks)
-        *between, at_key = _off(model, character, performance, recording.to_compare())
+        comparing = _off(model, character, performance, recording.to_compare())
+        *between, at_key = yield from standing(comparing, 0.5)
         off = max([*between, at_key]) / diagonal
         # what is off at keys, too, is not mended by further keys
         if off <= NEAR or max(between, default=0.0) < 2 * at_key or np.isinf(off):
@@ -193,8 +195,11 @@ def _drop(model: Model, blocks: dict[bpy.types.ID, str]) -> None:
 
 def _off(
     model: Model, character: Acting, performance: Performance, moments: np.ndarray
-) -> list[float]:
-    """Return how far off a rig of `model` shows the character at the moments, meters."""
+) -> Generator[float, None, list[float]]:
+    """Find how far off a rig of `model` shows the character at the moments.
+
+    Yields the progress and returns a distance for each moment, meters.
+    """
     (span,) = performance.spans
     origin = np.array(character.homes[0].instance_offset, np.float64)
     length = max(span[1] - span[0], 1.0)
@@ -207,6 +212,8 @@ def _off(
         for time in moments:
             performance.go_to(character.stage, time)
             distances.append(measure_copies(copies, character.actors, character.stage, origin))
+            performance.rest()
+            yield len(distances) / len(moments)
         return distances
     finally:
         performance.rest()

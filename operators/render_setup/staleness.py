@@ -11,6 +11,7 @@ import bpy
 from ...crowd_lod.errors import CrowdError
 from ..blender import provenance, scene_cache, scene_data
 from ..blender.cameras import read_cameras
+from ..blender.operator import at_work
 from ..blender.provenance import text_digest
 from ..machine.scene_world import bias_of
 from ..scene.lights import read_surroundings
@@ -47,14 +48,15 @@ def changed(scene: bpy.types.Scene) -> list[str]:
     """Return what has changed since the scene's build was made; none without one, or if it does not
     say.
 
-    The answer may be a second old: the sidebar asks whenever it is drawn.
+    The answer may be a second old, or as old as the step that is at work: the sidebar asks
+    whenever it is drawn.
     """
     build = scene.crowd_lod.build
     now = clock.monotonic()
     if build is None or not isinstance(build.get(MADE_FOR), str):
         return []
     looked, sentences = _known.get(scene.session_uid, (-LOOK, []))
-    if now >= looked + LOOK:
+    if now >= looked + LOOK and not (at_work and scene.session_uid in _known):
         sentences = compare(scene)
     return sentences
 

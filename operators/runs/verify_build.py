@@ -124,7 +124,7 @@ def build_of(scene: bpy.types.Scene, frames: Sequence[int]) -> Generator[float, 
         frame_update.update(scene, scene.view_layers[0].depsgraph)
     scene.view_layers[0].update()
     yield from reading_afresh(scene)
-    changed = tuple(name for name in staleness.changed(scene) if name != FRAMES)
+    changed = tuple(name for name in staleness.compare(scene) if name != FRAMES)
     places = layers_of(scene).values()
     hidden = top.hide_render or all(place.exclude for place in places)
     return ProvedBuild(top, BAKE if BAKED in top else LIVE, changed, hidden)

@@ -1,4 +1,4 @@
-"""Settings of the step Levels of Detail, and what is known of each character group."""
+"""Settings of the step LOD Meshes, and what is known of each character group."""
 
 import bpy
 

@@ -37,7 +37,7 @@ from ..blender.machine_costs import costs_of
 from ..blender.operator import Reporting, Stepwise
 from ..blender.output_folders import full_path, output_path, place_of
 from ..blender.output_index import note_output
-from ..characters.cast_provenance import reading_afresh
+from ..characters import cast_provenance
 from ..characters.group_measuring import measuring_groups
 from ..characters.holdings import holdings_of
 from ..characters.stored_groups import groups_of, store_groups
@@ -111,7 +111,7 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
             f"may add, such as 0.05."
         )
     check_recorded(scene, "Plan Shot")
-    yield from standing(reading_afresh(scene), 0.0)
+    yield from standing(cast_provenance.reading_afresh(scene), 0.0)
     yield from share(ready(scene), 0.0, READY)
     trajectory = trajectory_of(scene)
     policy = policy_of(scene.crowd_lod)
@@ -139,6 +139,7 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
     plan = yield from share(deciding, SURVEYED, DECIDED)
     report = yield from share(_report_on(scene, through, phases, shot, plan), DECIDED, 1.0)
     bias = bias_of(scene.crowd_lod)
+    yield from standing(cast_provenance.reading(scene), 1.0)
     stored = plan_file.StoredPlan(
         path=request.folder / plan_file.NAME,
         numbers=survey.numbers,

@@ -36,7 +36,6 @@ def fading(kept, request):
         scene = request.getfixturevalue("waiting")
         people = scene.crowd_lod.characters.children
         people.unlink(people["child"])
-        scene.crowd_lod.level_count = 2
         name_actions(scene, FADING)
         levelled(scene)
         bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)

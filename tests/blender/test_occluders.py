@@ -9,6 +9,7 @@ from crowd_lod_extension.crowd_lod.frame.hidden import hidden_wholly
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.shot.survey import HIDDEN
 from crowd_lod_extension.operators.overlay.agent_colors import by_reason
+from crowd_lod_extension.operators.render_setup import render_setup
 from crowd_lod_extension.operators.render_setup.cost_estimate import estimate
 from crowd_lod_extension.operators.scene.lights import read_surroundings
 from crowd_lod_extension.operators.scene.scene_crowd import frame_of, policy_of
@@ -96,6 +97,11 @@ def test_what_is_not_solid_hides_nobody_and_is_told(street):
     item.modifiers.new("Subdivision", "SUBSURF").render_levels = 3
     assert "otherwise than the viewport: House 0 0" in reasons_of(street)
     item.modifiers.clear()
+    item.parent = bpy.data.objects["House 2 4"]
+    item.parent.instance_type = "VERTS"
+    assert "instancing alone: House 0 0" in reasons_of(street)
+    item.parent.instance_type = "NONE"
+    item.parent = None
     home = bpy.data.collections.new("Through")
     home.objects.link(item)
     street.crowd_lod.see_through = home
@@ -200,4 +206,7 @@ def test_a_plan_knows_who_is_hidden(street):
     assert names == {"Hidden by scenery"}
     assert len(colors.palette) > colors.index.max()
     inputs = plan_inputs(street.crowd_lod, frame.trajectory, policy_of(street.crowd_lod), None)
-    assert "the scenery" in inputs
+    before = inputs["the scenery"]
+    finished(render_setup.build(street))
+    house(street, "Above", 0, 0).hide_render = True
+    assert scenery_digest(street)["the scenery"] == before

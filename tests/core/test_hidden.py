@@ -20,7 +20,7 @@ from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 from crowd_lod_extension.crowd_lod.reporting.tables import row
 
 from ..support.crowds import walker
-from ..support.streets import blocked_by_boxes, box_mesh, looking, pictured, seen
+from ..support.streets import blocked_by_boxes, box_mesh, find_seen, looking, pictured
 from .test_shadows import hidden_from
 
 pytestmark = pytest.mark.once
@@ -105,7 +105,9 @@ def test_hidden_at_all_times_and_from_all_eyes(crowd):
     for k, between in enumerate(looking((x, -15, 1.7), np.pi / 2) for x in (-0.5, 0.5)):
         then = plan(crowd, between, LevelPolicy((0.1, 0.4)), 1.125 + 0.25 * k)
         centers = centers_of(then, np.flatnonzero(hidden))
-        assert not seen(random, between, centers, 0.9, partial(blocked_by_boxes, BOXES), 20).any()
+        assert not find_seen(
+            random, between, centers, 0.9, partial(blocked_by_boxes, BOXES), 20
+        ).any()
     pair = way[0], way[2]
     both = planned(crowd, pair)[0].hidden
     assert both.any()

@@ -28,13 +28,13 @@ COMMANDS = {
     "build": "build {small} --out out/x.blend",
     "bake": "build {small} --bake --frames 1:3 --out out/x.blend",
     "verify": "verify {small} --frames 1 --width 64 --samples 1 --out out",
-    "extremes": "report extremes --most 20000 --out out/x.md",
+    "error": "report error {small} --repeats 1 --out out",
 }
 if TRIALS > 2:
     COMMANDS |= {
         "export": "export {small} --frames 1,9 --out out/x.usdc",
         "simulate": "simulate {small} --seconds 2 --agents 20 --out out/x.blend",
-        "error": "report error {small} --repeats 1 --out out",
+        "extremes": "report extremes --most 20000 --out out/x.md",
         "jobs": "preview {small} --frames 1,9 --width 64 --jobs 2 --out out",
         "plan": "plan {small} --frames 1:9 --out out",
         "job": "job {small} --out out",

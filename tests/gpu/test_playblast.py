@@ -222,7 +222,8 @@ def test_a_preview_is_drawn_by_the_overlay(tmp_path, capfd):
     # the quickest
     settings.choice = "BY_RATIO"
     settings.method = "DECIMATE"
-    settings.group_names = "adult"
+    for name in ("child", "heavy"):
+        settings.characters.children.unlink(settings.characters.children[name])
     list(make_levels(bpy.context.scene))
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "chapter.blend"))
     command = [

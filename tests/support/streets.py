@@ -109,7 +109,7 @@ def inside_spheres(random, centers, radius, count):
     return centers[:, None] + way * radius * random.random((1, count, 1)) ** 0.1
 
 
-def seen(random, camera, centers, radius, blocked, count=60):
+def find_seen(random, camera, centers, radius, blocked, count=40):
     """Whether some of `count` places in each sphere are seen, (n,) bool."""
     points = inside_spheres(random, centers, radius, count).reshape(-1, 3)
     free = pictured(camera, points)

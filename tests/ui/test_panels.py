@@ -20,7 +20,7 @@ BUTTONS = (
 ).split()
 BUTTONS += (
     "machine_add machine_remove machine_duplicate machine_move new_map add_area "
-    "remove_area move_area refresh_areas"
+    "remove_area move_area refresh_areas walls_from_selection"
 ).split()
 TEXTS = "", "garbage.npz", "plan.npz", "//gone/plan.npz", "a\tb\nc", "\n", "1,5", "x" * 300
 
