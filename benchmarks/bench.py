@@ -8,6 +8,7 @@ Prints the chapter's tables, and writes CSV, JSON and figure 1.6.
 ./crowd-lod bench --shots [--quick] [--out DIR]     shot plans instead: shots.py
 ./crowd-lod bench --costs                           what things cost engines: costs.py
 ./crowd-lod bench --memory [FILE ...]               memory and files as predicted: memory.py
+./crowd-lod bench --choices                         which LODs pay, rendered: choices.py
 
 Test 1: milliseconds of each stage for 1 K to 1 M agents that walk, under a camera that moves,
 beside other ways to do the same (peers.py, loop.c, the GPU), each taken in turn in the same run.
@@ -132,6 +133,11 @@ def make_parser() -> argparse.ArgumentParser:
         "and of each character FILE (glTF, FBX): half an hour",
     )
     parser.add_argument(
+        "--choices",
+        action="store_true",
+        help="instead, builds with several choices of LODs, rendered: an hour",
+    )
+    parser.add_argument(
         "--held-out",
         choices=("cycles", "eevee"),
         help="instead, judge what this engine's costs say of time with LODs, by crowds that none "
@@ -177,6 +183,10 @@ def main(arguments: list[str] | None = None) -> None:
         import memory
 
         return memory.main(args.memory)
+    if args.choices:
+        import choices
+
+        return choices.main()
     if args.held_out:
         import costs
 

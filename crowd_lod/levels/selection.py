@@ -1,6 +1,6 @@
 """Choice of a character's LODs from candidates, by a tolerance in pixels."""
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 
@@ -14,7 +14,7 @@ from .assignment import LevelPolicy, deviations, limits
 from .cost_model import NAMES, Actors, Costs, Holdings, Price, price, work_of
 
 LEAST_SAVED = 0.2  # of the triangles of the next finer LOD, else a LOD is not worth a mesh
-WORTH = 0.05  # of full detail's memory or time: what a LOD has to save
+WORTH = 0.05  # of the least time or memory that is found: what a LOD has to save
 STEPS = 60  # of a tolerance that is raised until LODs fit in memory, four to its double
 # between two frames that were looked at, agents may be nearer or farther by this factor
 BETWEEN = 1.25
@@ -227,29 +227,30 @@ def cheapest(
 ) -> tuple[list[int], dict[int, str]]:
     """Return (the candidates that cost least, {dropped candidate: reason}).
 
-    A reason is a sentence. The cost of a choice of `candidates` is the sum of its memory and its
-    time, each as a part of what the group takes at full detail. Of the choices that cost at most
-    WORTH more than the cheapest, the one with the fewest LODs is taken, and of these the one with
-    the most `measured` candidates. Those `given` by artists are taken. The first candidate is kept
-    for agents that come nearer than the shot shows. All are kept if the distances of the shot's
-    agents are not known.
+    A reason is a sentence. Time counts first, then memory, then LODs, which take time to be made:
+    of the choices that take at most WORTH more time than the quickest, those remain that take at
+    most WORTH more memory than the smallest of them. Of these the one with the fewest LODs is
+    taken, then the one with the most `measured` candidates. Those `given` by artists are taken. The
+    first candidate is kept for agents that come nearer than the shot shows. All are kept if the
+    distances of the shot's agents are not known.
     """
     if not any(len(view.distance) for view in shot.views):
         return list(candidates), {}
+    wanted = set(given).intersection(candidates)
     prices = {
         choice: price
         for choice, price in priced(group, candidates, tolerance, shot)
-        if choice[0] == candidates[0]
+        if choice[0] == candidates[0] and wanted.issubset(choice)
     }
-    whole = prices[(candidates[0],)]
-    parts = {choice: price.share(whole) for choice, price in prices.items()}
-    cost = {choice: price.memory + price.seconds for choice, price in parts.items()}
-    wanted = set(given).intersection(candidates)
-    usable = [choice for choice in cost if wanted.issubset(choice)]
-    least = min(cost[choice] for choice in usable)
-    good = [choice for choice in usable if cost[choice] <= least + WORTH]
+    quick = _near_least({choice: price.seconds for choice, price in prices.items()})
+    small = _near_least({choice: prices[choice].memory for choice in quick})
     best = min(
-        good, key=lambda choice: (len(choice), len(set(choice).difference(measured)), cost[choice])
+        small,
+        key=lambda choice: (
+            len(choice),
+            len(set(choice).difference(measured)),
+            prices[choice].seconds,
+        ),
     )
     dropped = [k for k in candidates if k not in best]
     return list(best), {
@@ -257,6 +258,12 @@ def cheapest(
         f"{NAMES[shot.costs.engine]} to be worth a LOD."
         for k in dropped
     }
+
+
+def _near_least(costs: Mapping[tuple[int, ...], float]) -> list[tuple[int, ...]]:
+    """Return the choices whose cost is at most WORTH above the least."""
+    most = (1 + WORTH) * min(costs.values())
+    return [choice for choice, cost in costs.items() if cost <= most]
 
 
 def _least(

@@ -13,7 +13,7 @@ from mathutils import Vector
 
 def points(scene):
     """Of each LOD its points' attributes and positions, as bytes."""
-    found = {}
+    places = {}
     for item in (item for item in scene.crowd_lod.build.objects if item.visible_camera):
         mesh = item.data
         columns = {}
@@ -28,21 +28,21 @@ def points(scene):
                     "vector" if width == 3 else "value", values.ravel()
                 )
             columns[name] = values.tobytes()
-        found[item[render_setup.LEVEL]] = columns
-    return found
+        places[item[render_setup.LEVEL]] = columns
+    return places
 
 
 def instances(scene):
     """(LOD, position, heading) of every instance that the depsgraph holds."""
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    for each in depsgraph.object_instances:
+    for instance in depsgraph.object_instances:
         if (
-            each.is_instance
-            and render_setup.LEVEL in each.parent.original
-            and each.object.type == "MESH"
+            instance.is_instance
+            and render_setup.LEVEL in instance.parent.original
+            and instance.object.type == "MESH"
         ):
-            matrix = np.array(each.matrix_world)
-            yield each.parent.original[render_setup.LEVEL], each.object.original, matrix
+            matrix = np.array(instance.matrix_world)
+            yield instance.parent.original[render_setup.LEVEL], instance.object.original, matrix
 
 
 def test_instances_stand_where_the_plan_says_as_the_mesh_it_says(built):

@@ -24,12 +24,12 @@ from crowd_lod_extension.operators.render_setup.shelves import LIBRARY, RIGS
 
 def visible():
     """World positions of all instances, sorted."""
-    found = [
+    agents = [
         tuple(each.matrix_world.translation)
         for each in bpy.context.evaluated_depsgraph_get().object_instances
         if each.is_instance
     ]
-    return np.array(sorted(found))
+    return np.array(sorted(agents))
 
 
 def counts():
@@ -274,12 +274,12 @@ def test_a_linked_copy_of_a_scene_gets_a_build_of_its_own_and_leaves_the_others(
 def shown_in(layer):
     """How many instances the view layer shows, and how many characters by themselves."""
     layer.update()
-    found = [
+    agents = [
         each.is_instance
         for each in layer.depsgraph.object_instances
         if re.search(r" \d{5}$", each.object.name)
     ]
-    return sum(found), len(found) - sum(found)
+    return sum(agents), len(agents) - sum(agents)
 
 
 def test_the_crowd_shows_in_the_view_layers_that_are_chosen_and_stays_so(built):

@@ -18,7 +18,7 @@ from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 
 def columns(scene, *names):
     """The points of all buckets, as bytes."""
-    found = {}
+    agents = {}
     for bucket, item in render_setup.points_of(scene.crowd_lod.build).items():
         for name in names or ("position", "id", "pose", "heading"):
             attribute = item.data.attributes[name]
@@ -27,8 +27,8 @@ def columns(scene, *names):
                 width * len(item.data.vertices), np.int32 if name in ("id", "pose") else np.float32
             )
             attribute.data.foreach_get("vector" if width == 3 else "value", values)
-            found[bucket, name] = values.tobytes()
-    return found
+            agents[bucket, name] = values.tobytes()
+    return agents
 
 
 @pytest.fixture
@@ -49,12 +49,12 @@ def cut(built):
 def test_the_camera_of_a_time_is_the_one_that_blender_switches_to(cut, stretch):
     cut.render.frame_map_new = stretch
     cut.timeline_markers.new("no camera", frame=7)
-    seen = set()
+    cameras_met = set()
     for time in (1, 20, 4, 10.75, 11, 5, 10.25, 12, 22.5, 21, 7, -3, 0):
         cut.frame_set(int(time // 1), subframe=time % 1)
         assert cameras.bound_camera(cut, scene_data.time_of(cut)) == cut.camera, time
-        seen.add(cut.camera)
-    assert len(seen) == 2
+        cameras_met.add(cut.camera)
+    assert len(cameras_met) == 2
 
 
 def test_a_cut_shows_each_frames_own_camera_in_any_order(cut):
@@ -95,16 +95,16 @@ def test_a_bake_films_a_cut_with_each_frames_own_camera(cut):
 @pytest.mark.once
 def test_a_preview_of_a_cut_has_each_frames_own_camera_and_its_view_from_above(cut, tmp_path):
     plan = finished(preview(cut, Preview([10, 11], tmp_path / "cut", 96), []))
-    seen = []
+    pictures = []
     for number in (10, 11):
         cut.frame_set(number)
-        seen.append(
+        pictures.append(
             sum(
                 len(item.data.vertices)
                 for item in render_setup.points_of(cut.crowd_lod.build).values()
             )
         )
-    assert [row["visible"] for row in plan["frames"]] == seen and seen[0] != seen[1]
+    assert [row["visible"] for row in plan["frames"]] == pictures and pictures[0] != pictures[1]
     main, above = (
         [
             image_data.load_pixels(tmp_path / "cut" / f"{view}_{n:04d}.png").astype(int)
@@ -277,13 +277,13 @@ def test_frames_asked_for_from_another_thread_are_done_in_the_main_one(built, mo
 def test_errors_come_back_to_the_thread_that_asked_and_a_busy_main_thread_ends_its_patience(
     monkeypatch,
 ):
-    said = []
+    sentences = []
 
     def ask(work):
         try:
             main_thread.on_main_thread(work)
         except CrowdError as error:
-            said.append(str(error))
+            sentences.append(str(error))
 
     def fails():
         raise CrowdError("no crowd here")
@@ -293,11 +293,11 @@ def test_errors_come_back_to_the_thread_that_asked_and_a_busy_main_thread_ends_i
     while asking.is_alive():
         main_thread.do_waiting()
     monkeypatch.setattr(main_thread, "PATIENCE", 0.01)
-    late = threading.Thread(target=ask, args=(lambda: said.append("done too late"),))
+    late = threading.Thread(target=ask, args=(lambda: sentences.append("done too late"),))
     late.start()
     late.join()
     main_thread.do_waiting()
-    assert said[0] == "no crowd here" and "too busy" in said[1] and len(said) == 2
+    assert sentences[0] == "no crowd here" and "too busy" in sentences[1] and len(sentences) == 2
 
 
 def test_a_repainted_map_or_an_edited_number_is_never_missed_and_nothing_is_kept_of_another_file(

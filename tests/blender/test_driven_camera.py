@@ -178,11 +178,11 @@ def test_the_camera_of_another_time_is_that_of_a_render_there(scene, filmed, way
 
 def columns(scene, name="id"):
     """The ids of each bucket's points, or another whole number of theirs."""
-    found = {}
+    agents = {}
     for bucket, item in render_setup.points_of(scene.crowd_lod.build).items():
-        found[bucket] = np.empty(len(item.data.vertices), np.int32)
-        item.data.attributes[name].data.foreach_get("value", found[bucket])
-    return found
+        agents[bucket] = np.empty(len(item.data.vertices), np.int32)
+        item.data.attributes[name].data.foreach_get("value", agents[bucket])
+    return agents
 
 
 @pytest.mark.parametrize("way", [by_property, by_handler])

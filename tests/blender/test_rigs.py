@@ -20,7 +20,7 @@ from crowd_lod_extension.operators.scene.scene_crowd import characters_of, frame
 def instances(scene):
     """[(LOD, agent, points (v, 3) in the world)] of all that the depsgraph holds of the build."""
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    found = []
+    agents = []
     for each in depsgraph.object_instances:
         if (
             each.is_instance
@@ -31,13 +31,13 @@ def instances(scene):
             points = np.empty((len(mesh.vertices), 3), np.float32)
             mesh.vertices.foreach_get("co", points.ravel())
             matrix = np.array(each.matrix_world)
-            found.append(
+            agents.append(
                 (
                     each.parent.original[render_setup.LEVEL],
                     points @ matrix[:3, :3].T + matrix[:3, 3],
                 )
             )
-    return found
+    return agents
 
 
 def itself(scene, group, phase):
@@ -70,11 +70,11 @@ def worst(scene, frame, agents=4):
     trajectory = trajectory_of(scene)
     plan = frame_of(scene, bpy.context.evaluated_depsgraph_get())
     crowd = plan.crowd
-    chosen = plan.buckets[0][:agents]
-    assert len(chosen)
+    nearest_agents = plan.buckets[0][:agents]
+    assert len(nearest_agents)
     shown = [points for level, points in instances(scene) if level == 0]
     off = 0.0
-    for agent in chosen:
+    for agent in nearest_agents:
         rate = trajectory.gaits.rates[crowd.group[agent], crowd.pace[agent]]
         seconds = frame * scene.render.fps_base / scene.render.fps
         phase = (crowd.phase_class[agent] / trajectory.gaits.classes + rate * seconds) % 1.0

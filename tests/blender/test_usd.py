@@ -54,14 +54,14 @@ def transforms(instancer, time, base):
 
 def in_usd(instancer, number):
     """By agent: its matrix and its prototype's path, as OpenUSD computes them."""
-    found = transforms(instancer, number, number)
+    instances = transforms(instancer, number, number)
     targets = instancer.GetPrototypesRel().GetTargets()
     which = instancer.GetProtoIndicesAttr().Get(number)
     ids = list(instancer.GetIdsAttr().Get(number))
     shown = list(instancer.ComputeMaskAtTime(number)) or [True] * len(ids)
     return {
         i: (np.array(m).T, targets[p])
-        for i, m, p, on in zip(ids, found, which, shown, strict=True)
+        for i, m, p, on in zip(ids, instances, which, shown, strict=True)
         if on
     }
 
@@ -69,15 +69,15 @@ def in_usd(instancer, number):
 def in_build(scene, number):
     """By agent: where Blender's geometry nodes put it in the build, its LOD and its group."""
     scene.frame_set(number)
-    found = {}
+    instances = {}
     for instance in bpy.context.evaluated_depsgraph_get().object_instances:
         if instance.is_instance and render_setup.LEVEL in instance.parent:
             own = np.array(instance.matrix_world) @ np.linalg.inv(
                 np.array(instance.object.original.matrix_world)
             )
             group = instance.object.original.users_collection[0].name.split()[1]
-            found[instance.persistent_id[1]] = own, instance.parent[render_setup.LEVEL], group
-    return found
+            instances[instance.persistent_id[1]] = own, instance.parent[render_setup.LEVEL], group
+    return instances
 
 
 def points_of(usd, stage, prototype, number):
@@ -177,21 +177,21 @@ def test_prototypes_are_blenders_own_meshes_of_the_lods_in_the_agents_phase(
 
 def faults_of(path):
     """What usdchecker finds: old versions by the first, new ones by the second, some have both."""
-    found = []
+    faults = []
     utils = importlib.import_module("pxr.UsdUtils")
     if hasattr(utils, "ComplianceChecker"):
         checker = utils.ComplianceChecker()
         checker.CheckCompliance(str(path))
-        found += [*checker.GetErrors(), *checker.GetFailedChecks(), *checker.GetWarnings()]
+        faults += [*checker.GetErrors(), *checker.GetFailedChecks(), *checker.GetWarnings()]
     if importlib.util.find_spec("pxr.UsdValidation"):
         validation = importlib.import_module("pxr.UsdValidation")
         stages = importlib.import_module("pxr.Usd").Stage
         rules = validation.ValidationRegistry().GetOrLoadAllValidators()
-        found += [
+        faults += [
             each.GetMessage()
             for each in validation.ValidationContext(rules).Validate(stages.Open(str(path)))
         ]
-    return found
+    return faults
 
 
 @pytest.mark.parametrize("kind", ["PERSP", "ORTHO"])

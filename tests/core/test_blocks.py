@@ -113,7 +113,7 @@ def random_surroundings(random, camera):
 
 @pytest.mark.once
 def test_shadows_and_reflections_of_any_shot_are_those_of_testing_every_agent():
-    found = np.zeros(2, int)
+    counts = np.zeros(2, int)
 
     @settings(max_examples=40)
     @given(shots((walker(), replace(walker(), radius=6.0)), [15, 700, 2000]), generators)
@@ -121,20 +121,20 @@ def test_shadows_and_reflections_of_any_shot_are_those_of_testing_every_agent():
         trajectory, camera, _, shutter, _ = shot
         around = random_surroundings(random, camera[0] if isinstance(camera, tuple) else camera)
         for time in (9,) if shutter else (9, 16.5):
-            made = [
+            plans = [
                 surround(plan(each, camera, POLICY, time, shutter), around)
                 for each in (trajectory, trajectory.full)
             ]
             for name in ("shadow", "mirrored"):
-                one, other = (getattr(frame, name) for frame in made)
+                one, other = (getattr(frame, name) for frame in plans)
                 assert (
                     one.order.tobytes() == other.order.tobytes()
                     and (one.offsets == other.offsets).all()
                 )
-            found[:] += len(one.order) > 0, len(made[0].shadow.order) > 0
+            counts[:] += len(one.order) > 0, len(plans[0].shadow.order) > 0
 
     the_same()
-    assert found.all()
+    assert counts.all()
 
 
 def in_order(found, decided, places):

@@ -57,9 +57,9 @@ def several():
 
 
 def test_each_edit_changes_what_it_says_in_all_frames_and_nothing_else():
-    own = shot(walking(), ground([(3, 3)]), GROUPS)
+    unedited = shot(walking(), ground([(3, 3)]), GROUPS)
     edited = Edited(
-        own,
+        unedited,
         [
             Edit(some_agents(3, 7), move=(1.5, -2.0, 0.25)),
             Edit(some_agents(7, 9), move=(0.5, 0.0, 0.0), turn=1.0),
@@ -69,8 +69,8 @@ def test_each_edit_changes_what_it_says_in_all_frames_and_nothing_else():
     )
     for time in (-4, 1, 7.5, 60, 12):
         crowd = edited.at(time)
-        before = own.at(time)
-        others = np.setdiff1d(np.arange(len(own.start)), [3, 7, 9])
+        before = unedited.at(time)
+        others = np.setdiff1d(np.arange(len(unedited.start)), [3, 7, 9])
         for name in COLUMNS:
             assert np.array_equal(getattr(crowd, name)[others], getattr(before, name)[others])
         away = np.stack([getattr(crowd, axis) - getattr(before, axis) for axis in "xyz"], axis=1)
@@ -81,21 +81,21 @@ def test_each_edit_changes_what_it_says_in_all_frames_and_nothing_else():
             crowd.heading[[3, 7, 9]] - before.heading[[3, 7, 9]], [0, 1, 0.75], atol=1e-6
         )
         assert np.flatnonzero(~crowd.present).tolist() == [0, 11] and crowd.there == 398
-        assert np.array_equal(edited.phase(crowd, time), own.phase(before, time))
+        assert np.array_equal(edited.phase(crowd, time), unedited.phase(before, time))
 
 
 def test_who_is_moved_on_hills_stands_on_them_and_leans_with_them():
-    own = shot(walking(), groups=GROUPS, heights=hills(), tilts=True)
+    unedited = shot(walking(), groups=GROUPS, heights=hills(), tilts=True)
     edited = Edited(
-        own,
+        unedited,
         [Edit(some_agents(3, 7), move=(4.0, -6.0, 0.5)), Edit(some_agents(9), move=(0, 0, 2.0))],
     )
     for time in (1, 30.25):
         crowd = edited.at(time)
-        before = own.at(time)
-        there = own.heights.at(before.x[[3, 7]] + 4, before.y[[3, 7]] - 6)
+        before = unedited.at(time)
+        there = unedited.heights.at(before.x[[3, 7]] + 4, before.y[[3, 7]] - 6)
         assert np.allclose(crowd.z[[3, 7, 9]], [*(there + 0.5), before.z[9] + 2])
-        upright = own.heights.tilt(before.x[[3]] + 4, before.y[[3]] - 6, before.heading[[3]])
+        upright = unedited.heights.tilt(before.x[[3]] + 4, before.y[[3]] - 6, before.heading[[3]])
         assert np.allclose(edited.tilt(crowd, some_agents(3)), upright)
     # of several crowds each stands on its own ground
     crowds = several()
@@ -110,17 +110,21 @@ def test_who_is_moved_on_hills_stands_on_them_and_leans_with_them():
 
 def test_who_changes_the_group_plays_its_action_without_a_jump():
     """The same agents, populated in the other group from the start, are the oracle."""
-    own = shot(
+    unedited = shot(
         walking(), ground([(row, 4) for row in range(7)]), (walker(), walker(stride=0.7)), 60
     )
-    turning = np.flatnonzero(own.at(160).pace != own.start.pace)[[0, 1, -1]]
-    group = own.start.group.copy()
+    turning = np.flatnonzero(unedited.at(160).pace != unedited.start.pace)[[0, 1, -1]]
+    group = unedited.start.group.copy()
     group[turning] = 1 - group[turning]
     asked = [Edit(some_agents(a), group=int(group[a])) for a in turning]
     other = Walk(
-        replace(own.start, group=group), own.machine, own.world, own.groups, own.seconds_per_frame
+        replace(unedited.start, group=group),
+        unedited.machine,
+        unedited.world,
+        unedited.groups,
+        unedited.seconds_per_frame,
     )
-    edited = Edited(own, asked)
+    edited = Edited(unedited, asked)
     for time in (1, 33, 75.5, 160):
         crowd = edited.at(time)
         expected = other.at(time)
@@ -128,20 +132,20 @@ def test_who_changes_the_group_plays_its_action_without_a_jump():
             plan(other, straight(), POLICY, time)
         )
         assert np.array_equal(edited.phase(crowd, time), other.phase(expected, time))
-        assert np.array_equal(crowd.x, own.at(time).x)
+        assert np.array_equal(crowd.x, unedited.at(time).x)
     assert Edited(several(), [Edit(some_agents(205), group=1)]).at(9).group[205] == 1
 
 
 def test_no_edits_and_edits_that_change_nothing_are_the_old_crowd_to_the_bit():
-    own = shot(walking(), groups=GROUPS, count=50)
+    unedited = shot(walking(), groups=GROUPS, count=50)
     for edits in (
         [],
-        [Edit(some_agents(3), group=int(own.start.group[3]))],
+        [Edit(some_agents(3), group=int(unedited.start.group[3]))],
         [Edit(some_agents(3))],
     ):
-        edited = Edited(own, edits)
-        assert edited.base is own and edited.at(9) is own.at(9)
-        assert edited.left_out == own.left_out
+        edited = Edited(unedited, edits)
+        assert edited.base is unedited and edited.at(9) is unedited.at(9)
+        assert edited.left_out == unedited.left_out
 
 
 def test_a_crowd_that_stands_keeps_its_plan_though_some_are_moved():
@@ -155,10 +159,10 @@ def test_a_crowd_that_stands_keeps_its_plan_though_some_are_moved():
 @pytest.mark.parametrize("edge", ["clamp", "wrap", "reflect"])
 def test_blocks_hold_for_agents_moved_far_away(edge, monkeypatch):
     monkeypatch.setattr(morton_order, "FEWEST", 1)
-    own = shot(walking(edge), groups=GROUPS)
+    unedited = shot(walking(edge), groups=GROUPS)
     random = np.random.default_rng(6)
     edited = Edited(
-        own,
+        unedited,
         [
             Edit(some_agents(*range(a, 400, 8)), move=(*random.uniform(-50, 50, 2), 0.0))
             for a in range(4)
@@ -174,26 +178,26 @@ def test_blocks_hold_for_agents_moved_far_away(edge, monkeypatch):
 
 def test_agents_of_a_file_are_edited_by_their_ids_while_they_are_there(monkeypatch):
     monkeypatch.setattr(morton_order, "FEWEST", 1)
-    own = recorded()
+    unedited = recorded()
     random = np.random.default_rng(8)
     agents = np.sort(random.choice(300, 90, replace=False))
     edits = [
         Edit(
-            parse_agents(agents_text(agents[:30], own.ids), 300, "a", own.ids),
+            parse_agents(agents_text(agents[:30], unedited.ids), 300, "a", unedited.ids),
             move=(12.0, -7.0, 0.0),
             group=1,
         ),
         Edit(agents[30:60], turn=1.0, hide=True),
         Edit(agents[60:], group=2),
     ]
-    edited = Edited(own, edits)
-    group = own.group.copy()
+    edited = Edited(unedited, edits)
+    group = unedited.group.copy()
     group[agents[:30]] = 1
     group[agents[60:]] = 2
-    other = replace(own, group=group)
+    other = replace(unedited, group=group)
     for time in (1, 40.5, 120):
         crowd = edited.at(time)
-        before = own.at(time)
+        before = unedited.at(time)
         camera = straight(offset=(random.uniform(-40, 60), 20, 1.7))
         assert np.allclose(crowd.x - before.x, np.isin(np.arange(300), agents[:30]) * 12.0)
         assert np.array_equal(edited.phase(crowd, time), other.phase(other.at(time), time))
@@ -230,7 +234,7 @@ def edits(draw, count, groups):
 
 @pytest.mark.once
 def test_nobody_is_missed_and_leave_outs_change_nothing_whatever_is_edited(blocks):
-    found = set()
+    outcomes = set()
 
     @settings(max_examples=15)
     @given(st.data(), trajectories(GROUPS, [17, 129]), generators)
@@ -240,7 +244,7 @@ def test_nobody_is_missed_and_leave_outs_change_nothing_whatever_is_edited(block
         for time in (1, 9, 30.25):
             shutter = [(time - 0.5, [camera]), (time + 0.5, [camera])]
             frame = plan(edited, camera, POLICY, time, shutter)
-            found.update(frame.left_out)
+            outcomes.update(frame.left_out)
             for moment in (time, time - 0.5, time + 0.5):
                 crowd = edited.at(moment)
                 center = np.array([group.center for group in own.groups])[crowd.group]
@@ -255,32 +259,32 @@ def test_nobody_is_missed_and_leave_outs_change_nothing_whatever_is_edited(block
             assert raw(frame) == raw(plan(fresh, camera, POLICY, time, shutter))
 
     exact()
-    assert (BLOCKS in found) == (morton_order.FEWEST == 1)
+    assert (BLOCKS in outcomes) == (morton_order.FEWEST == 1)
 
 
 def test_who_is_hidden_casts_no_shadow_and_is_in_no_figure(blocks):
-    own = shot(walking(), groups=GROUPS, count=600)
+    unedited = shot(walking(), groups=GROUPS, count=600)
     lights = Surroundings(lights=(Light(None, np.array([0.6, 0.0, -0.8])),))
-    plain = surround(plan(own, straight(), POLICY, 9), lights)
+    plain = surround(plan(unedited, straight(), POLICY, 9), lights)
     gone = np.array([*plain.buckets.order[:4], *plain.shadow.order[:4]], np.intp)
-    frame = surround(plan(Edited(own, [Edit(gone, hide=True)]), straight(), POLICY, 9), lights)
+    frame = surround(plan(Edited(unedited, [Edit(gone, hide=True)]), straight(), POLICY, 9), lights)
     shown = np.concatenate([frame.buckets.order, frame.shadow.order, frame.mirrored.order])
     assert len(gone) == 8 and not np.isin(shown, gone).any() and not frame.culled[gone].any()
     assert frame.crowd.there == 592 and (reasons(frame)[gone] == ABSENT).all()
     assert frame.full_triangles == plain.full_triangles - sum(
-        GROUPS[g].triangles[0] for g in own.start.group[gone]
+        GROUPS[g].triangles[0] for g in unedited.start.group[gone]
     )
 
 
 def test_a_plan_made_before_is_told_of_any_other_edit():
-    own = shot(walking(), groups=GROUPS, count=50)
+    unedited = shot(walking(), groups=GROUPS, count=50)
     kinds = [dict(move=(1.0, 0, 0)), dict(turn=1.0), dict(group=2), dict(hide=True)]
     told = {
-        Edited(own, [Edit(some_agents(a), **each)]).digests()["the overrides"]
+        Edited(unedited, [Edit(some_agents(a), **each)]).digests()["the overrides"]
         for each in kinds
         for a in (3, 4)
     }
-    assert len(told) == 8 and "the overrides" not in own.digests()
+    assert len(told) == 8 and "the overrides" not in unedited.digests()
 
 
 def test_numbers_of_a_file_are_known_of_several_crowds_too():

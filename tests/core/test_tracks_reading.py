@@ -41,19 +41,23 @@ def database(
     """
     if version < 3:
         columns += ", ori_x REAL NOT NULL, ori_y REAL NOT NULL"
-    with sqlite3.connect(path) as made:
-        made.execute(f"CREATE TABLE trajectory_data ({columns})")
-        made.execute(
+    with sqlite3.connect(path) as connection:
+        connection.execute(f"CREATE TABLE trajectory_data ({columns})")
+        connection.execute(
             "CREATE TABLE metadata(key TEXT NOT NULL UNIQUE PRIMARY KEY, value TEXT NOT NULL)"
         )
-        made.executemany("INSERT INTO metadata VALUES(?, ?)", [("version", version), ("fps", fps)])
-        made.execute("CREATE TABLE geometry(hash INTEGER NOT NULL, wkt TEXT NOT NULL)")
+        connection.executemany(
+            "INSERT INTO metadata VALUES(?, ?)", [("version", version), ("fps", fps)]
+        )
+        connection.execute("CREATE TABLE geometry(hash INTEGER NOT NULL, wkt TEXT NOT NULL)")
         own = [
             (frame, id, x, y, *((1.0, 0.0) if version < 3 else ())) for id, frame, x, y in BY_FRAME
         ]
-        made.executemany(f"INSERT INTO trajectory_data VALUES({', '.join('?' * len(own[0]))})", own)
-        made.execute("CREATE INDEX frame_id_idx ON trajectory_data(frame, id)")
-    made.close()
+        connection.executemany(
+            f"INSERT INTO trajectory_data VALUES({', '.join('?' * len(own[0]))})", own
+        )
+        connection.execute("CREATE INDEX frame_id_idx ON trajectory_data(frame, id)")
+    connection.close()
 
 
 def table(path, found, titles, split=",", **more):
@@ -94,16 +98,16 @@ FORMATS = {
 def test_a_crowd_is_the_same_in_every_format(tmp_path, format):
     path = tmp_path / "crowd"
     FORMATS[format](path)
-    found = read_tracks(path, rate=16)
+    tracks = read_tracks(path, rate=16)
     wanted = tracks_of(ROWS, "wanted")
-    shift = found.first - wanted.first
-    assert found.ids.tolist() == wanted.ids.tolist() and found.rate == 16
+    shift = tracks.first - wanted.first
+    assert tracks.ids.tolist() == wanted.ids.tolist() and tracks.rate == 16
     for name in ("x", "y", "heading", "way", "agent", "pace"):
-        assert getattr(found.samples, name).tobytes() == getattr(wanted.samples, name).tobytes()
-    assert (found.samples.frame - shift == wanted.samples.frame).all() and shift == 0
+        assert getattr(tracks.samples, name).tobytes() == getattr(wanted.samples, name).tobytes()
+    assert (tracks.samples.frame - shift == wanted.samples.frame).all() and shift == 0
     if format.startswith(("PedPy", "JuPedSim", "NPZ")):
         assert read_rows(path).rate == 16
-    assert found.samples.z is None
+    assert tracks.samples.z is None
 
 
 def test_a_file_is_read_the_same_in_parts_of_any_length(tmp_path, monkeypatch):
@@ -181,10 +185,10 @@ BAD = {
 
 @pytest.mark.parametrize("fault", BAD)
 def test_a_bad_file_is_named_in_one_sentence(tmp_path, fault):
-    content, said = BAD[fault]
+    content, sentence = BAD[fault]
     path = tmp_path / "bad.txt"
     path.write_bytes(content.encode() if isinstance(content, str) else content)
-    with pytest.raises(CrowdError, match=said) as error:
+    with pytest.raises(CrowdError, match=sentence) as error:
         read_tracks(path, usual=25)
     assert (
         "bad.txt" in str(error.value)
@@ -233,17 +237,17 @@ def test_too_many_rows_or_agents_are_refused(tmp_path, monkeypatch):
 def test_a_database_is_read_with_its_journal_and_by_its_values(tmp_path):
     path = tmp_path / "crowd.sqlite"
     database(path)
-    wanted = read_rows(path)
+    rows = read_rows(path)
     made = sqlite3.connect(path)
     made.execute("PRAGMA journal_mode = WAL")
     made.execute("UPDATE trajectory_data SET pos_x = 9.5 WHERE rowid = 1")
     made.commit()  # in the journal beside it alone
     found = read_rows(path)
-    assert found.x[0] == 9.5 and found.x[1:].tobytes() == wanted.x[1:].tobytes()
+    assert found.x[0] == 9.5 and found.x[1:].tobytes() == rows.x[1:].tobytes()
     made.close()
     path = tmp_path / "texts.sqlite"
     database(path, columns="frame INTEGER, id INTEGER, pos_x TEXT, pos_y REAL")
-    assert read_rows(path).x.tolist() == wanted.x.tolist()
+    assert read_rows(path).x.tolist() == rows.x.tolist()
     with sqlite3.connect(path) as made:
         made.execute("UPDATE trajectory_data SET pos_y = NULL WHERE rowid = 3")
     made.close()
@@ -267,7 +271,7 @@ def test_a_database_cut_anywhere_is_refused_or_read_whole(tmp_path):
 def test_a_database_with_a_page_that_is_not_its_own_is_refused(tmp_path):
     path = tmp_path / "crowd.sqlite"
     database(path)
-    wanted = read_rows(path)
+    rows = read_rows(path)
     data = path.read_bytes()
     pages = np.frombuffer(data, np.uint8).reshape(-1, int.from_bytes(data[16:18]))
     random = np.random.default_rng(4)
@@ -286,7 +290,7 @@ def test_a_database_with_a_page_that_is_not_its_own_is_refused(tmp_path):
             try:
                 found = read_rows(path)
                 assert all(
-                    (found.columns[name] == wanted.columns[name]).all() for name in wanted.columns
+                    (found.columns[name] == rows.columns[name]).all() for name in rows.columns
                 ), k
             except CrowdError as error:
                 assert "crowd.sqlite" in str(error)

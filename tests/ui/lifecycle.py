@@ -11,10 +11,10 @@ from robot import overlay, scene, settings
 def seen():
     """Whether the overlay still runs, what it draws, and what it says."""
     yield from robot.drawn()
-    shown = overlay().display_of(scene())
+    display = overlay().display_of(scene())
     return {
         "handlers": robot.draw_handlers.count,
-        "agents": len(shown.frame.crowd) if shown and shown.frame else None,
+        "agents": len(display.frame.crowd) if display and display.frame else None,
         "problem": overlay().problem(scene()),
     }
 
@@ -58,77 +58,77 @@ def inspect():
         if -0.4 * w < x < 0 and -0.8 * w < y < 0.1 * w
     ]
     first, second = sorted(inside, key=lambda agent: places[agent].w)[:2]
-    found = {"wanted": [first, second]}
+    results = {"wanted": [first, second]}
     with robot.over():
-        found["status"] = sorted(bpy.ops.crowd_lod.inspect("INVOKE_DEFAULT"))
+        results["status"] = sorted(bpy.ops.crowd_lod.inspect("INVOKE_DEFAULT"))
     mouse("MOUSEMOVE", "NOTHING", first)
     yield 1.0
-    found["pointed"] = settings().agent
+    results["pointed"] = settings().agent
     yield from robot.picture("20_pointing")
     mouse("LEFTMOUSE", "PRESS", first)
     mouse("LEFTMOUSE", "RELEASE", first)
     yield 0.5
-    found["kept"] = settings().agent
-    found["modal"] = len(robot.window().modal_operators)
+    results["kept"] = settings().agent
+    results["modal"] = len(robot.window().modal_operators)
     account = overlay().account_of(scene())
-    found["told"] = [account.agent, account.visible, account.level]
+    results["told"] = [account.agent, account.visible, account.level]
     with robot.over():
         bpy.ops.crowd_lod.inspect("INVOKE_DEFAULT")
     mouse("MOUSEMOVE", "NOTHING", second)
     yield 0.5
-    found["pointed again"] = settings().agent
+    results["pointed again"] = settings().agent
     robot.key("ESC")
     yield 0.5
-    found["after esc"] = settings().agent
-    found["still modal"] = len(robot.window().modal_operators)
+    results["after esc"] = settings().agent
+    results["still modal"] = len(robot.window().modal_operators)
     settings().agent = -1
-    return found
+    return results
 
 
 def views():
     """Quad view, a second window, local view, hidden overlays, the viewport's own view."""
-    found = {}
+    results = {}
     space = robot.view_3d().spaces[0]
     with robot.over():
         bpy.ops.screen.region_quadview()
-    found["quad view"] = yield from seen()
+    results["quad view"] = yield from seen()
     yield from robot.picture("21_quad_view")
     settings().overlay_camera = "VIEWPORT"
-    found["quad view, own views"] = yield from seen()
+    results["quad view, own views"] = yield from seen()
     yield from robot.picture("22_own_views")
     with robot.over():
         bpy.ops.screen.region_quadview()
-    found["own view"] = yield from seen()
+    results["own view"] = yield from seen()
     settings().overlay_camera = "SCENE"
     with robot.over():
         bpy.ops.screen.area_split(direction="VERTICAL", factor=0.5)
     views = [area for area in robot.window().screen.areas if area.type == "VIEW_3D"]
     views[1].spaces[0].region_3d.view_perspective = "PERSP"
-    found["two viewports"] = yield from seen()
+    results["two viewports"] = yield from seen()
     yield from robot.picture("22_two_viewports")
     with bpy.context.temp_override(window=robot.window(), area=views[1]):
         bpy.ops.screen.area_close()
     with robot.over():
         bpy.ops.wm.window_new()
-    found["two windows"] = yield from seen()
+    results["two windows"] = yield from seen()
     with bpy.context.temp_override(window=bpy.context.window_manager.windows[-1]):
         bpy.ops.wm.window_close()
-    found["one window"] = yield from seen()
+    results["one window"] = yield from seen()
     ground = next(item for item in scene().objects if item.name.startswith("Ground"))
     scene().view_layers[0].objects.active = ground
     ground.select_set(True)
     for name in ("local view", "global view"):
         with robot.over():
             bpy.ops.view3d.localview()
-        found[name] = yield from seen()
+        results[name] = yield from seen()
     before = overlay().display_of(scene())
     space.overlay.show_overlays = False
     settings().seed += 1
     hidden = yield from seen()
-    found["hidden"] = hidden | {"followed": overlay().display_of(scene()) is not before}
+    results["hidden"] = hidden | {"followed": overlay().display_of(scene()) is not before}
     space.overlay.show_overlays = True
-    found["seen again"] = yield from seen()
-    return found
+    results["seen again"] = yield from seen()
+    return results
 
 
 def rendered(folder):
@@ -165,7 +165,7 @@ def rendered(folder):
                     max(abs(a - b) for a, b in zip(pixel, whole[there : there + 3], strict=True))
                     <= 1
                 )
-    found = {
+    results = {
         "status": status,
         "modal": len(robot.window().modal_operators),
         "size": list(image.size),
@@ -182,8 +182,8 @@ def rendered(folder):
         bpy.ops.crowd_lod.render_viewport()
     (second,) = set(bpy.data.images) - before - {image}
     render = scene().render
-    found["through the camera"] = list(second.size)
-    found["render"] = [
+    results["through the camera"] = list(second.size)
+    results["render"] = [
         side * render.resolution_percentage // 100
         for side in (render.resolution_x, render.resolution_y)
     ]
@@ -196,7 +196,7 @@ def rendered(folder):
     settings().overlay_mode = "MESHES"
     settings().hud = True
     settings().inset = True
-    return found
+    return results
 
 
 def bytes_of(image):
@@ -206,7 +206,7 @@ def bytes_of(image):
 
 def losses():
     """What the crowd stands on goes, piece by piece, and comes back by undo."""
-    found = {}
+    results = {}
     characters = settings().characters
     armatures = [item for item in characters.all_objects if item.type == "ARMATURE"]
     meshes = [item for item in characters.all_objects if item.type == "MESH"]
@@ -218,25 +218,25 @@ def losses():
         ("camera", lambda: bpy.data.objects.remove(scene().camera)),
     ):
         lose()
-        found[name] = yield from seen()
+        results[name] = yield from seen()
     bpy.ops.ed.undo_push(message="after")
     robot.undo()
-    found["undone"] = yield from seen()
+    results["undone"] = yield from seen()
     robot.redo()
-    found["redone"] = yield from seen()
+    results["redone"] = yield from seen()
     robot.undo()
     yield 0.5
-    return found
+    return results
 
 
 def files(folder):
     """Another scene, a saved file opened again, a new one."""
-    found = {}
+    results = {}
     own = scene()
     robot.window().scene = next(other for other in bpy.data.scenes if other is not own)
-    found["other scene"] = yield from seen()
+    results["other scene"] = yield from seen()
     robot.window().scene = own
-    found["own scene"] = yield from seen()
+    results["own scene"] = yield from seen()
     path = str(folder / "lifecycle.blend")
     bpy.ops.wm.save_as_mainfile(filepath=path)
     for name, load in (
@@ -245,13 +245,13 @@ def files(folder):
         ("opened again", lambda: bpy.ops.wm.open_mainfile(filepath=path)),
     ):
         load()
-        found[name] = (yield from seen()) | {"kept": robot.count_displays()}
-    return found
+        results[name] = (yield from seen()) | {"kept": robot.count_displays()}
+    return results
 
 
 def breakage():
     """An unforeseen error in either part of the drawing: told once, and all is let go."""
-    found = {}
+    results = {}
     for part in ("plan", "figures"):
         home, name = (robot.display(), "use_of") if part == "plan" else (overlay().hud, part)
         real = getattr(home, name)
@@ -261,11 +261,11 @@ def breakage():
 
         setattr(home, name, broken)
         scene().frame_set(scene().frame_current + 1)
-        found[part] = yield from seen()
+        results[part] = yield from seen()
         setattr(home, name, real)
         robot.toggle()
-        found[f"after {part}"] = yield from seen()
-    return found
+        results[f"after {part}"] = yield from seen()
+    return results
 
 
 def repeat():
@@ -287,8 +287,8 @@ def repeat():
 
 
 def lifecycle(folder):
-    found = {}
+    results = {}
     for step in (inspect, views, rendered, losses, files, breakage, repeat):
         print(f"--- lifecycle: {step.__name__}", flush=True)
-        found[step.__name__] = yield from (step(folder) if step in (rendered, files) else step())
-    return found
+        results[step.__name__] = yield from (step(folder) if step in (rendered, files) else step())
+    return results
