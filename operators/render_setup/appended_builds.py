@@ -1,4 +1,4 @@
-"""Live builds that came from another file without their scene, whose settings move them."""
+"""Live builds from another file that stand still: without their scene, or in a linked one."""
 
 import time as clock
 
@@ -6,7 +6,7 @@ import bpy
 
 from ..blender import scene_cache
 from .nodes import instances, trees
-from .render_setup import LEVEL, MADE_FROM
+from .render_setup import BAKED, LEVEL, MADE_FROM
 
 # Custom property of scenes that a run of ours draws: it moves their build itself.
 STAGE = "crowd_lod_stage"
@@ -16,24 +16,36 @@ _known: dict[int, tuple[float, str]] = scene_cache.add_cache({}, by_scene=True)
 
 
 def standing_still(scene: bpy.types.Scene) -> str:
-    """Return a sentence on live builds in the scene that no scene's settings name; "" without.
+    """Return a sentence on live builds in the scene that nothing moves; "" without.
+
+    No scene's settings name them, or the scene is linked.
 
     The answer may be a second old.
     """
     now = clock.monotonic()
     looked, sentence = _known.get(scene.session_uid, (-_LOOK, ""))
     if now >= looked + _LOOK:
-        names = _names(scene)
-        sentence = ""
-        if names:
-            sentence = (
-                f"The build {' and '.join(names[:3])} came from another file without its scene's "
-                f"settings, so it stands "
-                "still: append its scene in place of it, or remove it and press Build."
-            )
+        sentence = _sentence(scene)
         scene_cache.tidy()
         _known[scene.session_uid] = now, sentence
     return sentence
+
+
+def _sentence(scene: bpy.types.Scene) -> str:
+    names = _names(scene)
+    if names:
+        return (
+            f"The build {' and '.join(names[:3])} came from another file without its scene's "
+            f"settings, so it stands still: append its scene in place of it, or bake it in its own "
+            f"file and take the bake."
+        )
+    build = scene.crowd_lod.build
+    if scene.library is not None and build is not None and BAKED not in build:
+        return (
+            f"The scene {scene.name} is linked, so nothing moves its live build: append the scene, "
+            f"or bake it in its own file."
+        )
+    return ""
 
 
 def _names(scene: bpy.types.Scene) -> list[str]:

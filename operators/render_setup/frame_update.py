@@ -395,6 +395,8 @@ def follow(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """
     if scene.crowd_lod.build is None or frame_stepping.is_stepped(scene):
         return
+    if scene.library is not None:  # points of a linked file do not reach renders
+        return
     on_main_thread(lambda: _show(scene, depsgraph))
 
 

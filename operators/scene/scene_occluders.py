@@ -86,12 +86,20 @@ def scenery_digest(scene: bpy.types.Scene) -> dict[str, str]:
         item
         for home in homes
         for item in home.all_objects
-        if item.type == "MESH" and not item.get(OWNED) and item not in excluded
+        if item.type == "MESH"
+        and not item.get(OWNED)
+        and item not in excluded
+        and (item.animation_data or not item.hide_render)
     }
     sorted_items = sorted(items, key=lambda item: item.name_full)
-    looks = [(item.name_full, *(getattr(item, flag) for flag in SHOWN)) for item in sorted_items]
+    looks = [(item.name_full, *map(repr, _flags(item))) for item in sorted_items]
     opaque = [[is_opaque(slot.material) for slot in item.material_slots] for item in sorted_items]
     return {"the scenery": text_digest(character_digest(sorted_items), looks, opaque)}
+
+
+def _flags(item: bpy.types.Object) -> list:
+    """Return how renders show the object, as plain values."""
+    return [*(getattr(item, flag) for flag in SHOWN if flag != "color"), tuple(item.color)]
 
 
 def _is_see_through(shading: bpy.types.View3DShading) -> bool:
@@ -111,6 +119,6 @@ def _camera_blurs(scene: bpy.types.Scene) -> bool:
 
 
 def _excluded(settings) -> set[bpy.types.Object]:
-    """Return the objects that hide nobody: the characters, and those that the user excludes."""
-    homes = [home for home in (settings.characters, settings.see_through) if home is not None]
-    return {item for home in homes for item in home.all_objects}
+    """Return the objects that hide nobody: the crowd's own, and those that the user excludes."""
+    homes = settings.characters, settings.levels, settings.build, settings.see_through
+    return {item for home in homes if home is not None for item in home.all_objects}

@@ -342,6 +342,8 @@ class CROWDLOD_PT_hand_over(Step, bpy.types.Panel):
             label(layout, f"About {size.file} in the file, {size.memory} in renders", "FILE")
         if is_baked:
             label(layout, _built(settings.build), "CHECKMARK" if not row.enabled else "INFO")
+        elif settings.build is not None:
+            label(layout, "The live build moves with Crowd LOD alone", "INFO")
         _draw_lacks(layout, scene, "crowd_lod.bake")
 
 

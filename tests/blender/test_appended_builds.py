@@ -64,7 +64,15 @@ def test_without_its_scene_it_says_that_it_stands_still_by_name(built, tmp_path,
     assert said.count(told) == 1 and "Traceback" not in said
 
 
-def test_an_appended_bake_says_nothing(built, tmp_path):
+def test_a_linked_scene_says_that_it_stands_still_and_an_appended_bake_nothing(built, tmp_path):
+    path = tmp_path / "live.blend"
+    names = saved(built, path)
+    with bpy.data.libraries.load(str(path), link=True) as (_, linked):
+        linked.scenes = names["Scene"]
+    (scene,) = linked.scenes
+    assert standing_still(scene).startswith(f"The scene {scene.name} is linked")
+    bpy.ops.wm.open_mainfile(filepath=str(path))
+    built = bpy.context.scene
     list(bake(built, [1, 2]))
     path = tmp_path / "baked.blend"
     names = saved(built, path)

@@ -9,6 +9,7 @@ from crowd_lod_extension.crowd_lod.frame.hidden import hidden_wholly
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.shot.survey import HIDDEN
 from crowd_lod_extension.operators.overlay.agent_colors import by_reason
+from crowd_lod_extension.operators.render_setup import render_setup
 from crowd_lod_extension.operators.render_setup.cost_estimate import estimate
 from crowd_lod_extension.operators.scene.lights import read_surroundings
 from crowd_lod_extension.operators.scene.scene_crowd import frame_of, policy_of
@@ -205,4 +206,7 @@ def test_a_plan_knows_who_is_hidden(street):
     assert names == {"Hidden by scenery"}
     assert len(colors.palette) > colors.index.max()
     inputs = plan_inputs(street.crowd_lod, frame.trajectory, policy_of(street.crowd_lod), None)
-    assert "the scenery" in inputs
+    before = inputs["the scenery"]
+    finished(render_setup.build(street))
+    house(street, "Above", 0, 0).hide_render = True
+    assert scenery_digest(street)["the scenery"] == before
