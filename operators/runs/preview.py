@@ -361,6 +361,15 @@ def legends_of(color: str, frame: Frame) -> list[Legend]:
     return [[("From the camera:", None), *names], above]
 
 
+def _sight(rows: list[dict[str, Any]]) -> str:
+    """Return how many agents the frames show, for the index of a preview without a verdict."""
+    counts = [row["visible"] for row in rows]
+    least = min(counts)
+    most = max(counts)
+    span = f"{least:,}" if least == most else f"{least:,} to {most:,}"
+    return f"{span} of {rows[0]['agents']:,} agents in sight, {counted(len(rows), 'frame')}."
+
+
 def _sheet(pictures: list[tuple[Path, Path]], legends: list[Legend]) -> np.ndarray:
     """Return the contact sheet, two frames in a row.
 
@@ -400,7 +409,7 @@ class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
             f"{counted(len(task.frames), 'frame is', 'frames are')} in {place_of(task.folder)}."
         )
         found = verdict_in(plan)
-        note_output(context.scene, "preview", found or sentence)
+        note_output(context.scene, "preview", found or _sight(plan["frames"]))
         sentence = f"{found} {sentence}".lstrip()
         return f"{sentence} {LEFT_OUT}" if leaves_out(context.scene) else sentence
 
