@@ -11,6 +11,7 @@ from ..errors import CrowdError
 from .selection import View
 
 PRECISE = 1.01  # factor within which the least tolerance is found
+TIGHT = 4.0  # a budget below so many times the least that is guessed may be impossible
 SLACK = 1.05  # factor of that tolerance with which fewer LODs are enough
 
 
@@ -98,7 +99,7 @@ class BudgetSearch:
         self.given = given
         self.sightings = [sight(*pair) for pair in zip(groups, views, strict=True)]
         self.frames = np.unique(np.concatenate([seen.frame for seen in self.sightings]))
-        self.every = [list(range(len(group.triangles))) for group in groups]
+        self.every = [_useful(*pair) for pair in zip(groups, given, strict=True)]
 
     def loads(self, keep: Sequence[Sequence[int]], tolerance: float) -> dict[str, np.ndarray]:
         """Return what the frames take at the least: by a field of Budget, (F,) float64.
@@ -140,14 +141,21 @@ class BudgetSearch:
         """
         if self.hold(keep, tolerance):
             return keep, tolerance
+        if self._is_tight():  # the coarsest are measured first: what they take is then certain
+            coarsest = [candidates[-1] for candidates in self.every]
+            if not all(k in known for k, known in zip(coarsest, self.measured, strict=True)):
+                return [sorted({0, k}) for k in coarsest], tolerance
         if exceeded := self.exceeded(self.every, inf):
-            coarsest = [int(np.argmin(group.triangles)) for group in self.groups]
-            if all(k in known for k, known in zip(coarsest, self.measured, strict=True)):
-                raise CrowdError(_impossible(exceeded))
-            return [sorted({0, k}) for k in coarsest], tolerance  # to be measured
+            raise CrowdError(_impossible(exceeded))
         if not self.hold(self.every, tolerance):
             tolerance = SLACK * self._least_tolerance(tolerance)
         return self._pruned(tolerance), tolerance
+
+    def _is_tight(self) -> bool:
+        """Return whether the coarsest candidates may be needed, or not even be enough."""
+        loads = self.loads(self.every, inf)
+        triangles = float(loads["triangles"].max(initial=0.0))
+        return TIGHT * triangles > self.budget.triangles or bool(self.exceeded(self.every, inf))
 
     def _least_tolerance(self, low: float) -> float:
         """Return the least tolerance at which all candidates together hold the budget, pixels.
@@ -187,6 +195,15 @@ class BudgetSearch:
             if not choices:
                 return keep
             _, keep = min(choices)
+
+
+def _useful(group: Group, given: Collection[int]) -> list[int]:
+    """Return the candidates, of which each has fewer triangles than all that deviate less."""
+    candidates = [0]
+    for k in range(1, len(group.triangles)):
+        if k in given or group.triangles[k] < min(group.triangles[j] for j in candidates):
+            candidates.append(k)
+    return candidates
 
 
 def _impossible(exceeded: dict[str, float]) -> str:

@@ -65,8 +65,8 @@ def job_of(
     gaps = {after - before for before, after in pairwise(frames)} or {1}
     if len(gaps) > 1:
         raise CrowdError(
-            f"A job takes a range of frames, and {shot_frames(frames)} are none: give the first, "
-            f"the last and a step."
+            f"A job takes a range of frames: give --frames as A:B, and --step, not "
+            f"{shot_frames(frames)}."
         )
     stem = Path(bpy.data.filepath).stem
     name = f"{stem}: {'preview' if preview else 'render'} of a crowd"

@@ -253,8 +253,15 @@ def test_a_preview_by_tolerance_leaves_the_report(scene, tmp_path, capfd):
         assert "tolerance" in capfd.readouterr().err
 
 
-def test_measuring_in_steps_gives_the_same_and_leaves_nothing_in_between(scene, monkeypatch):
+def test_measuring_in_steps_gives_the_same_and_characters_play_what_they_did_in_between(
+    scene, monkeypatch
+):
+    def played():
+        rigs = (item for item in scene.crowd_lod.characters.all_objects if item.type == "ARMATURE")
+        return [(rig.name, rig.animation_data.action) for rig in rigs]
+
     whole = group_measuring.measure_groups(scene)
+    actions = played()
     monkeypatch.setattr(character_extent, "TICK", 0.0)  # a pose at a time
     before = set(bpy.data.user_map())
     progress = []
@@ -265,7 +272,8 @@ def test_measuring_in_steps_gives_the_same_and_leaves_nothing_in_between(scene, 
         except StopIteration as end:
             assert end.value == whole
             break
-        assert set(bpy.data.user_map()) == before
+        assert played() == actions
+    assert set(bpy.data.user_map()) == before
     assert progress == sorted(progress) and len(progress) > 20 and progress[-1] == 1.0
 
 
