@@ -111,8 +111,8 @@ def make_parser() -> argparse.ArgumentParser:
         "--characters",
         type=Path,
         metavar="FOLDER",
-        help="with --worth: planned bakes alone, of the sample scenes' people and of the characters "
-        "(glTF, FBX) in FOLDER, beside full detail in as few phase classes: ten minutes",
+        help="with --worth: planned bakes alone, of the sample scenes' people and of the "
+        "characters (glTF, FBX) in FOLDER, beside full detail in as few phase classes: ten minutes",
     )
     parser.add_argument(
         "--shots",

@@ -35,8 +35,8 @@ class Work:
     rigs: armatures of the characters.
     bones: bones of these armatures.
     rays: samples of the pixels that agents cover.
-    drawn_triangles: triangles of all instances, counted once for each sample of a pixel. Only what renders
-        are fitted to has it: see Costs.with_samples.
+    drawn_triangles: triangles of all instances, counted once for each sample of a pixel. Only what
+        renders are fitted to has it: see Costs.with_samples.
     images, image_count: bytes, and number, of the images that the characters' materials use.
     keys: keys of the actions of the build's rigs.
     other_keys: keys of all other actions in the file, such as the characters' own.

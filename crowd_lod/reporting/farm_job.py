@@ -20,7 +20,8 @@ class FarmJob:
     """What a farm is to do.
 
     name: of the job.
-    scene: path of the scene's file, absolute or beside the template. All output goes into the template's folder.
+    scene: path of the scene's file, absolute or beside the template. All output goes into the
+        template's folder.
     frames: first, last and step.
     chunk: frames of a task.
     preview: whether frames are previewed; they are rendered if not.

@@ -15,11 +15,11 @@ from .shot_report import ShotReport
 
 STRIP = 1180, 90  # pixels of the strip over the timeline
 PLOTS_STYLE = """
-:root { --plan: #2a6fdb; --old: #d55e00; --entry: #a0348f; --held: #12805c; --hidden: #8a8f2a; --faint: #c3c9d2;
-  --grid: #e6e9ee }
+:root { --plan: #2a6fdb; --old: #d55e00; --entry: #a0348f; --held: #12805c;
+  --hidden: #8a8f2a; --faint: #c3c9d2; --grid: #e6e9ee }
 @media (prefers-color-scheme: dark) {
-  :root { --plan: #7fb0ff; --old: #ff9a4d; --entry: #e58bd6; --held: #5fd3a8; --hidden: #c9cc5a; --faint: #454c58;
-    --grid: #2b2f37 } }
+  :root { --plan: #7fb0ff; --old: #ff9a4d; --entry: #e58bd6; --held: #5fd3a8;
+    --hidden: #c9cc5a; --faint: #454c58; --grid: #2b2f37 } }
 .plots { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(32rem, 100%), 1fr));
   gap: 1rem; margin: 1rem 0 }
 .plots section { margin: 0 } section h3 { margin-bottom: .2rem } section > p { font-size: .88rem }

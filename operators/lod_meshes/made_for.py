@@ -249,9 +249,9 @@ def forecast(scene: bpy.types.Scene) -> Forecast | None:
 
     It rests on the agents that the shot showed when the LODs were made: agents that another lens
     leaves out, or brings in, do not count. No LOD is made or measured, and the answer is kept until
-    something changes. It is not known with a limit of memory or a budget, for to try tolerances until
-    LODs fit takes seconds; by ratio; with LODs that artists gave; and where the candidates themselves would
-    be others (UNFORESEEN).
+    something changes. It is not known with a limit of memory or a budget, for to try tolerances
+    until LODs fit takes seconds; by ratio; with LODs that artists gave; and where the candidates
+    themselves would be others (UNFORESEEN).
     """
     settings = scene.crowd_lod
     stored = settings.levels.get(CHOSEN_FROM) if settings.levels is not None else None

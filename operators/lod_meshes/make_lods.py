@@ -107,11 +107,7 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
         ladder.settle(own)
     new = [ladder.name for ladder in ladders if ladder.new_homes]
     unchanged = [ladder.name for ladder in ladders if not ladder.new_homes]
-    feet = [
-        (*character.origin[:2], character.origin[2] + group.feet)
-        for character, group in zip(characters, groups, strict=True)
-    ]
-    top, levels = _linked(homes, feet, earlier, before)
+    top, levels = _linked(homes, _feet(characters, groups), earlier, before)
     _named([character.name for character in characters], homes, before)
     if copied:
         scene_data.let_go(scene, "levels")
@@ -127,6 +123,14 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
         entry.finest = finest
     yield 1.0
     return Outcome(tuple(new), tuple(unchanged), tuple(edited), choice.budget_tolerance)
+
+
+def _feet(characters: Sequence[Character], groups: Sequence[Group]) -> list[tuple]:
+    """Return the places of the characters' feet."""
+    return [
+        (*character.origin[:2], character.origin[2] + group.feet)
+        for character, group in zip(characters, groups, strict=True)
+    ]
 
 
 def _show_nowhere(scene: bpy.types.Scene, top: bpy.types.Collection) -> None:

@@ -111,8 +111,8 @@ def drop(scene: bpy.types.Scene) -> None:
 def bake_some() -> float | None:
     """Timer: bake a few frames.
 
-    Baking adds and removes data-blocks, which must not be done while Blender draws. It waits for the
-    end of a step that is at work.
+    Baking adds and removes data-blocks, which must not be done while Blender draws. It waits for
+    the end of a step that is at work.
     """
     if at_work:
         return WAIT

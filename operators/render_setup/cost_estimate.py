@@ -244,7 +244,8 @@ def estimate(
 class _Seen(NamedTuple):
     """What F frames show.
 
-    agents_shown: by the name of a choice of LODs, how many agents show each, (F, K, L); see work_of.
+    agents_shown: by the name of a choice of LODs, how many agents show each, (F, K, L); see
+        work_of.
     rays: (F,) float64, samples of the pixels that agents cover.
     hidden: part of the agents in the picture that scenery hides with their shadows, or None.
     """

@@ -136,7 +136,7 @@ def _labels(labels: Sequence[str], height: int, titled: bool) -> np.ndarray:
 
 
 def _legend(legend: Legend, width: int) -> np.ndarray:
-    """Return the lines of a legend, as wide as the sheet: a square of each color before its name."""
+    """Return the lines of a legend, as wide as the sheet: each color's square before its name."""
     lines = [_blank(LINE, width)]
     right = float(GAP)
     for name, color in legend:

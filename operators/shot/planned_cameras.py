@@ -1,4 +1,4 @@
-"""Whether the cameras move as they did when the shot was planned, without a step through the shot."""
+"""Whether the cameras move as when the shot was planned, without a step through the shot."""
 
 import bpy
 

@@ -14,6 +14,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod import __version__
+from ...crowd_lod.animation.phase_classes import Library
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame import Frame, plan
 from ...crowd_lod.frame.index_cache import approach
@@ -65,15 +66,7 @@ def survey_of(
     policy = policy_of(settings)
     library = cast_of(characters_of(scene), trajectory)
     times = [scene_data.remap(scene.render, number) for number in frames]
-    lead = leads(characters_of(scene), trajectory.groups)
-    moved_as = library.moved_as(trajectory.gaits, lead)
-    survey = empty(
-        frames,
-        times,
-        trajectory.start.group,
-        library.first(trajectory.gaits),
-        library.roles(trajectory.gaits, moved_as),
-    )
+    survey = _empty_survey(scene, frames, times, library)
     if blurred:
         survey = _coarser_where_blurred(survey, trajectory, policy)
     parts = Parts(survey, folder, _key(scene, frames) + "b" * blurred)
@@ -114,6 +107,21 @@ def survey_of(
     count = max(len(frames) - begin, 1)
     milliseconds = {name: total / count for name, total in took.items()}
     return SurveyedShot(survey, np.array(parts.cameras), milliseconds)
+
+
+def _empty_survey(
+    scene: bpy.types.Scene, frames: Sequence[int], times: Sequence[float], library: Library
+) -> Survey:
+    trajectory = trajectory_of(scene)
+    lead = leads(characters_of(scene), trajectory.groups)
+    moved_as = library.moved_as(trajectory.gaits, lead)
+    return empty(
+        frames,
+        times,
+        trajectory.start.group,
+        library.first(trajectory.gaits),
+        library.roles(trajectory.gaits, moved_as),
+    )
 
 
 def _changes_at(frame: int) -> CrowdError:

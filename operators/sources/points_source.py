@@ -87,8 +87,8 @@ def read_points(
 
     Its instances count, or else its particles, its point cloud, or the vertices of its mesh.
     Attributes of the points: id (whole numbers), group (a number from 0 on, or a name) or
-    proto_index (a number), heading (radians from +X), phase (0 to 1). Without a heading, an instance's rotation counts, or else the
-    direction of the attribute velocity.
+    proto_index (a number), heading (radians from +X), phase (0 to 1). Without a heading, an
+    instance's rotation counts, or else the direction of the attribute velocity.
 
     forward: the axis that characters face, as in the settings; an instance that is not turned shows
         its character as it stands.
