@@ -134,6 +134,7 @@ def test_lods_side_by_side_are_measured_where_the_character_stands():
 @pytest.mark.once
 def test_an_edited_lod_makes_the_lods_stale_and_is_measured_again():
     scene = bpy.context.scene
+    scene.render.engine = "CYCLES"  # there one coarse LOD of ours, at most, pays besides
     take_people(scene, 2)
     seen_from(scene, 12)
     before = by_tolerance(scene)[1]
