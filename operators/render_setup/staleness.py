@@ -51,10 +51,9 @@ def changed(scene: bpy.types.Scene) -> list[str]:
     The answer may be a second old, or as old as the step that is at work: the sidebar asks
     whenever it is drawn.
     """
-    build = scene.crowd_lod.build
-    now = clock.monotonic()
-    if build is None or not isinstance(build.get(MADE_FOR), str):
+    if not _tells(scene):
         return []
+    now = clock.monotonic()
     looked, sentences = _known.get(scene.session_uid, (-LOOK, []))
     if now >= looked + LOOK and not (at_work and scene.session_uid in _known):
         sentences = compare(scene)
@@ -62,11 +61,19 @@ def changed(scene: bpy.types.Scene) -> list[str]:
 
 
 def compare(scene: bpy.types.Scene) -> list[str]:
-    """Return what `changed` does, after a look now. The scene has a build."""
+    """Return what `changed` does, after a look now."""
+    if not _tells(scene):
+        return []
     sentences = _compared(scene, scene.crowd_lod.build)
     scene_cache.tidy()
     _known[scene.session_uid] = clock.monotonic(), sentences
     return sentences
+
+
+def _tells(scene: bpy.types.Scene) -> bool:
+    """Return whether the scene has a build that says what it was made for."""
+    build = scene.crowd_lod.build
+    return build is not None and isinstance(build.get(MADE_FOR), str)
 
 
 def camera_motion(scene: bpy.types.Scene) -> str:
