@@ -96,16 +96,21 @@ def choose(
     begins = []
     for view in views:
         begin = limits(policy, view.camera, np.array([group.radius]), deviation)[0]
-        edges = np.concatenate([[-np.inf], begin, [np.inf]])
+        begin = np.concatenate([[-np.inf], begin, [np.inf]])
         is_used |= (
-            (edges[:-1] < edges[1:])
-            & (edges[:-1] <= view.farthest * BETWEEN)
-            & (edges[1:] > view.nearest / BETWEEN)
+            (begin[:-1] < begin[1:])
+            & (begin[:-1] <= view.farthest * BETWEEN)
+            & (begin[1:] > view.nearest / BETWEEN)
         )
-        begins.append(edges)
+        begins.append(begin)
+    edges = np.array(begins)
     for j in (np.flatnonzero(~is_used[1:]) + 1).tolist():
         triangles = group.triangles[candidates[j]]
-        reason = _unused(j, np.array(begins), views, meters)
+        if (np.isfinite(edges[:, j + 1]) & (edges[:, j] >= edges[:, j + 1])).all():
+            coarser = group.triangles[candidates[j + 1]]
+            reason = f"deviate as much as {coarser:,} triangles, or more."
+        else:
+            reason = _unused(j, edges, views, meters)
         dropped[candidates[j]] = f"{triangles:,} triangles {reason}"
     return [k for k, needed in zip(candidates, is_used, strict=True) if needed or k == 0], dropped
 

@@ -62,6 +62,10 @@ def test_lods_that_artists_gave_go_before_those_that_are_about_as_coarse():
     kept, dropped = choose(LODS, 1.0, [view], given=[3])
     assert kept == [0, 3, 5, 6]
     assert dropped[2] == "500 triangles save too little beside a given LOD of 450."
+    beaten = replace(LODS, triangles=(1000, 500, 100), deviations=(0, 0.4, 0.3))
+    kept, dropped = choose(beaten, 1.0, [view], given=[1])
+    assert kept == [0, 2]
+    assert dropped[1] == "500 triangles deviate as much as 100 triangles, or more."
 
 
 def test_a_zoom_and_the_tolerance_change_what_pays():
