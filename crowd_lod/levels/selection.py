@@ -107,8 +107,8 @@ def choose(
     for j in (np.flatnonzero(~is_used[1:]) + 1).tolist():
         triangles = group.triangles[candidates[j]]
         if (np.isfinite(edges[:, j + 1]) & (edges[:, j] >= edges[:, j + 1])).all():
-            coarser = group.triangles[candidates[j + 1]]
-            reason = f"deviate as much as {coarser:,} triangles, or more."
+            fewer = group.triangles[candidates[j + 1]]
+            reason = f"deviate as much as {fewer:,} triangles, or more."
         else:
             reason = _unused(j, edges, views, meters)
         dropped[candidates[j]] = f"{triangles:,} triangles {reason}"
