@@ -107,7 +107,8 @@ def _view_of(context) -> _View:
     shutter: tuple = ()
     if region is None and not live(settings):
         key, shutter = open_shutter(scene, time, eyes)
-    occluders, refused = None, ()
+    occluders = None
+    refused = ()
     if region is None and settings.occlusion:
         occluders, refused = occluders_of(scene, scenery_of(scene, depsgraph), depsgraph, (), None)
     style, characters, notes = style_of(scene, policy.count)

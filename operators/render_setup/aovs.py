@@ -61,24 +61,11 @@ def materials_of(scene: bpy.types.Scene) -> Iterator[bpy.types.Material]:
     """Yield each material of the characters that the build of `scene` shows, once."""
     known = set()
     for shelf in shelves_of(scene.crowd_lod.build).values():
-        for item in _objects_in(shelf, set()):
+        for item in shelf.all_objects:
             for slot in item.material_slots:
                 if slot.material is not None and slot.material not in known:
                     known.add(slot.material)
                     yield slot.material
-
-
-def _objects_in(
-    collection: bpy.types.Collection, known: set[bpy.types.Collection]
-) -> Iterator[bpy.types.Object]:
-    """Yield the objects of the collection, and of those that they instance, not yet `known`."""
-    if collection in known:
-        return
-    known.add(collection)
-    for item in collection.all_objects:
-        yield item
-        if item.instance_collection is not None:
-            yield from _objects_in(item.instance_collection, known)
 
 
 def _is_open(material: bpy.types.Material) -> bool:
