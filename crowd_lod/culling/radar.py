@@ -85,7 +85,7 @@ def _look(
     options: RadarOptions,
     results: tuple,
 ) -> None:
-    """Add to `found`, (visible, distance) of a block of agents, what one camera sees.
+    """Add to `results`, (visible, distance) of a block of agents, what one camera sees.
 
     frustum: the camera's planes; None for a panoramic one.
     places: x, y, z of the spheres' centers, each (b,).

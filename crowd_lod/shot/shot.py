@@ -198,7 +198,8 @@ class Limit:
     thresholds: what the LODs cost that the policy gives frame by frame.
     levels: (F, n) uint8, the cheapest LODs that are known.
     cheapest: what they cost, or `thresholds` where one LOD a character costs more.
-    avoid: what a plan may cost more than the cheapest, as a part of what the thresholds' LODs do.
+    avoid: what a plan may cost more than the cheapest, as a part of what the thresholds' LODs
+        cost.
     """
 
     thresholds: Bill
