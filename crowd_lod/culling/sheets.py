@@ -18,7 +18,7 @@ from .occluders import Occluders
 ACROSS = 160  # cells along the longer side of the picture
 LEAST_CELLS = 3.0  # cells along both axes below which a component is not drawn
 FLAT = 1e-12  # part of its size cubed, below which a triangle is edge-on
-SLICE = 4.0  # times as far reaches each slice of depth
+SLICE = 2.0  # times as far reaches each slice of depth
 MOST_SLACK = 0.25  # cells, above which a triangle or a border is cut into slices
 ROUNDING = 1e-9  # of cells and of nearness, several thousand roundings of float64
 
