@@ -15,6 +15,7 @@ import numpy as np
 from ...crowd_lod.culling.camera import Camera, Window
 from ...crowd_lod.format import number
 from ...crowd_lod.progress import aside
+from ...crowd_lod.reporting import file_checks
 from ...crowd_lod.srgb import encoded
 from ...crowd_lod.validation import silhouette
 from ...crowd_lod.validation.judged_agents import JudgedAgent
@@ -136,6 +137,7 @@ class LoneStage:
             self.stage.render.filepath = str(self.path)
             with console.quiet(), bpy.context.temp_override(scene=self.stage):
                 bpy.ops.render.render(write_still=True)
+            file_checks.check(self.path)
             values = image_data.read_values(bpy.data.images.load(str(self.path)))
         self.path.unlink()
         return values
