@@ -73,7 +73,7 @@ def meetings_of(survey: Survey) -> Meetings:
     """Return the meetings that `survey` has seen."""
     assert survey.roles is not None
     pair = survey.encounters.pair
-    character = survey.encounters.character
+    character = survey.encounters.characters
     weight = survey.encounters.weight
     block = survey.roles.block[character].astype(np.uint16)
     classes = survey.roles.phase_class[character]

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 
 from ..animation.phase_classes import Library, Roles
-from ..culling.radar import BLOCK, RadarOptions, radar
+from ..culling.radar import RadarOptions, radar
 from ..errors import CrowdError
 from ..frame.frame import Frame
 from ..progress import breath
 from .blur import blur_of
 from .cells import Cells
 from .neighbors import close_pairs
-from .survey import MIRRORED, SEEN, SHADOW, Encounters, Survey, coarsest_within
+from .survey import CULLED, MIRRORED, SEEN, SHADOW, Encounters, Survey, coarsest_within
 
 EVERYONE = RadarOptions(cull=False)  # only their distances are asked for
 MOST_SCALE = float(np.finfo(np.float16).max)
@@ -33,10 +33,11 @@ MOST_BYTES = 16 * 2**30  # of a survey
 class Record:
     """What a survey knows of one frame, of m agents that are not culled; else as in Survey.
 
-    agents: (m,) int32. An agent may be there twice: what comes later holds.
+    present: (n / 8,) uint8, a bit for each agent: whether it is one of them. Their numbers would
+        take as much memory as all else.
     """
 
-    agents: np.ndarray
+    present: np.ndarray
     kind: np.ndarray
     coarsest: np.ndarray
     scale: np.ndarray
@@ -123,7 +124,7 @@ class Recording:
         for f in range(len(records)):
             breath()
             record = records.pop()
-            at = cells.at(f, record.agents)
+            at = cells.at(f, np.flatnonzero(_unpacked(record, len(self.group))))
             for name, values in columns.items():
                 values[at] = getattr(record, name)
         return survey
@@ -204,99 +205,92 @@ def _type_of(recording: Recording, name: str) -> np.dtype:
 
 def _cells_of(records: Sequence[Record], agents: int) -> Cells:
     """Return the cells of these frames of so many agents."""
-    first = np.full(agents, len(records), np.intp)
+    first = np.zeros(agents, np.intp)
     last = np.zeros(agents, np.intp)
     for f, record in enumerate(records):
-        last[record.agents] = f + 1
-    for f in range(len(records) - 1, -1, -1):
-        first[records[f].agents] = f
-    return Cells(np.minimum(first, last), last)
+        breath()
+        is_present = _unpacked(record, agents)
+        np.copyto(first, f, where=is_present & (last == 0))
+        np.copyto(last, f + 1, where=is_present)
+    return Cells(first, last)
+
+
+def _unpacked(record: Record, agents: int) -> np.ndarray:
+    """Return which of so many agents are not culled, (n,) bool."""
+    return np.unpackbits(record.present, count=agents).view(bool)
 
 
 def _record(
     recording: Recording, frame: Frame, before: Frame | None, rays: float, cut: bool
 ) -> Record:
     """Return what the survey knows of the planned `frame`."""
-    trajectory = frame.trajectory
-    seconds = trajectory.seconds(frame.time)
-    buckets = [
-        (kind, found)
-        for kind, found in (
-            (SHADOW, frame.shadow),
-            (MIRRORED, frame.mirrored),
-            (SEEN, frame.buckets),
-        )
-        if found is not None
-    ]
-    kinds = np.array([kind for kind, _ in buckets], np.uint8)
-    agents = np.concatenate([found.order for _, found in buckets])
-    coarsest = np.concatenate([found.levels for _, found in buckets])
-    character = recording.library.character_of(trajectory.gaits, frame.crowd, seconds, agents)
-    character = character.astype(_type_of(recording, "character"))
-    visible = frame.buckets.order
-    seen = slice(len(agents) - len(visible), None)
+    kinds = np.zeros(len(frame.crowd), np.uint8)
+    levels = np.zeros(len(frame.crowd), np.uint8)
+    for kind, buckets in (
+        (SHADOW, frame.shadow),
+        (MIRRORED, frame.mirrored),
+        (SEEN, frame.buckets),
+    ):
+        if buckets is not None:
+            kinds[buckets.order] = kind
+            levels[buckets.order] = buckets.levels
+    present = kinds != CULLED
+    agents = np.flatnonzero(present)
+    present_kinds = kinds[agents]
+    coarsest = levels[agents]
+    gaits = frame.trajectory.gaits
+    seconds = frame.trajectory.seconds(frame.time)
+    character = recording.library.character_of(gaits, frame.crowd, seconds, agents)
+    is_seen = present_kinds == SEEN
+    seen = agents[is_seen]
     scale = np.zeros(len(agents), np.float16)
-    scale[seen] = scale_of(frame, visible)
+    scale[is_seen] = scale_of(frame, seen)
     if recording.blurred:
         assert recording.bounds is not None
-        blur = blur_of(frame, visible)
-        scale[seen] = _rounded_up(scale[seen] / (1 + blur / recording.blurred))
-        bounds = recording.bounds[recording.group[visible]]
-        coarsest[seen] = coarsest_within(scale[seen], bounds, recording.blurred)
-    columns = (coarsest[seen], scale[seen], character[seen])
+        blur = blur_of(frame, seen)
+        scale[is_seen] = _rounded_up(scale[is_seen] / (1 + blur / recording.blurred))
+        bounds = recording.bounds[recording.group[seen]]
+        coarsest[is_seen] = coarsest_within(scale[is_seen], bounds, recording.blurred)
+    encounters = Encounters()
+    if recording.roles is not None and len(recording.records) % MEET_EVERY == 0:
+        is_rigged = recording.roles.block[character] >= 0
+        (near,) = np.nonzero(is_seen & (coarsest <= MEET_LEVEL) & is_rigged)
+        encounters = _close(recording, frame, agents[near], scale[near], character[near])
     entered, left = _clipped_between(frame, None if cut else before)
     return Record(
-        agents=agents,
-        kind=np.repeat(kinds, [len(found.order) for _, found in buckets]),
+        present=np.packbits(present),
+        kind=present_kinds,
         coarsest=coarsest,
         scale=scale,
-        character=character,
+        character=character.astype(_type_of(recording, "character")),
         rays=rays,
         cut=cut,
-        hidden=_hidden_in(frame, agents),
+        hidden=0 if frame.hidden is None else int((frame.hidden & ~present).sum()),
         entered=entered,
         left=left,
-        encounters=_close(recording, frame, *columns),
+        encounters=encounters,
     )
-
-
-def _hidden_in(frame: Frame, agents: np.ndarray) -> int:
-    """Return how many agents scenery hides that are not among `agents` (m,)."""
-    if frame.hidden is None:
-        return 0
-    hidden = frame.hidden.copy()
-    hidden[agents] = False
-    return int(hidden.sum())
 
 
 def _close(
     recording: Recording,
     frame: Frame,
-    coarsest: np.ndarray,
+    agents: np.ndarray,
     scale: np.ndarray,
     character: np.ndarray,
 ) -> Encounters:
-    """Return the encounters in the frame.
-
-    coarsest, scale, character: (m,), of the agents that are seen, in the order of the buckets.
-    """
+    """Return the encounters of `agents` (m,), of which each has a scale and a character, (m,)."""
     roles = recording.roles
-    if roles is None or len(recording.records) % MEET_EVERY:
-        return Encounters()
-    agents = frame.buckets.order
-    crowd = frame.crowd
-    (near,) = np.nonzero((coarsest <= MEET_LEVEL) & (roles.block[character] >= 0))
-    near = near[agents[near].argsort()]
-    seen = agents[near]
-    place = np.column_stack((crowd.x[seen], crowd.y[seen], crowd.z[seen]))
+    assert roles is not None
+    place = np.column_stack(frame.crowd.places(agents=agents))
     most = MOST_MEETINGS * MEET_EVERY // len(recording.times)
-    family = roles.family[roles.block[character[near]]]
+    family = roles.family[roles.block[character]]
     pairs, apart = close_pairs(place, family, MEET_REACH, most)
     nearness = (1 / np.maximum(apart, BESIDE)).astype(np.float32)
     return Encounters(
-        seen[pairs].astype(np.int32),
-        character[near][pairs].astype(np.uint16),
-        nearness * scale[near][pairs[:, 0]].astype(np.float64),
+        agents[pairs].astype(np.int32),
+        character[pairs].astype(np.uint16),
+        nearness * scale[pairs[:, 0]].astype(np.float64),
     )
 
 
@@ -304,12 +298,9 @@ def _clipped_between(frame: Frame, before: Frame | None) -> tuple[np.ndarray, np
     """Return (who enters, who leaves) by the near or far clip since the frame before."""
     if before is None:
         return np.empty(0, np.intp), np.empty(0, np.intp)
-    was_seen = before.visible
-    visible = frame.buckets.order
-    is_gone = was_seen.copy()
-    is_gone[visible] = False
-    entered = _clipped(before, visible[~was_seen[visible]])
-    return entered, _clipped(frame, np.flatnonzero(is_gone))
+    entered = np.flatnonzero(frame.visible & ~before.visible)
+    left = np.flatnonzero(before.visible & ~frame.visible)
+    return _clipped(before, entered), _clipped(frame, left)
 
 
 def _clipped(frame: Frame, agents: np.ndarray) -> np.ndarray:
@@ -332,18 +323,13 @@ def scale_of(frame: Frame, agents: np.ndarray) -> np.ndarray:
     if camera.kind == "ORTHO":
         return np.full(len(agents), _rounded_up(np.array([camera.pixels_per_unit]))[0])
     crowd = frame.crowd
-    scale = np.empty(len(agents), np.float16)
-    for begin in range(0, len(agents), BLOCK):
-        rows = agents[begin : begin + BLOCK]
-        radius = spheres.radius[crowd.group[rows]]
-        most = np.zeros(len(rows))
-        for eye in frame.eyes:
-            _, distance = radar(crowd, eye, spheres.center, spheres.reach, EVERYONE, rows)
-            nearest = np.maximum(distance - radius, max(eye.near, 1e-9))
-            ahead = distance > -radius
-            np.maximum(most, eye.pixels_per_unit / nearest, out=most, where=ahead)
-        scale[begin : begin + BLOCK] = _rounded_up(most)
-    return scale
+    radius = spheres.radius[crowd.group[agents]]
+    most = np.zeros(len(agents))
+    for eye in frame.eyes:
+        _, distance = radar(crowd, eye, spheres.center, spheres.reach, EVERYONE, agents)
+        nearest = np.maximum(distance - radius, max(eye.near, 1e-9))
+        np.maximum(most, eye.pixels_per_unit / nearest, out=most, where=distance > -radius)
+    return _rounded_up(most)
 
 
 def _rounded_up(values: np.ndarray) -> np.ndarray:

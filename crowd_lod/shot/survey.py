@@ -22,12 +22,12 @@ class Encounters:
     """Pairs of agents that are seen close to each other in a frame, and play the same.
 
     pair: (p, 2) int32, the agents.
-    character: (p, 2) uint16, what they show.
+    characters: (p, 2) uint16, what they show.
     weight: (p,) float64, by nearness (1 / meters) and size in pixels.
     """
 
     pair: np.ndarray = field(default_factory=lambda: np.empty((0, 2), np.int32))
-    character: np.ndarray = field(default_factory=lambda: np.empty((0, 2), np.uint16))
+    characters: np.ndarray = field(default_factory=lambda: np.empty((0, 2), np.uint16))
     weight: np.ndarray = field(default_factory=lambda: np.empty(0))
 
 

@@ -37,7 +37,7 @@ from ..scene.scene_crowd import characters_of, policy_of, trajectory_of
 EVERY = 20.0  # seconds between two saves, from which the next run goes on
 KEPT = "rays", "cut", "hidden"  # of a Record, numbers
 # arrays of a Record, and of its encounters
-ARRAYS = "agents", "kind", "coarsest", "scale", "character", "entered", "left"
+ARRAYS = "present", "kind", "coarsest", "scale", "character", "entered", "left"
 PAIRS = tuple(column.name for column in fields(Encounters))
 PARTS = ".crowd-lod-survey"  # begins the names of the parts' files
 

@@ -199,7 +199,7 @@ def test_a_plan_knows_who_is_hidden(street):
         assert hidden_wholly(frame) == survey.hidden[f] > 0
         agents, cells = survey.cells.in_frame(f)
         assert set(frame.buckets.order) == set(agents[survey.is_seen[cells]])
-        assert not set(agents) & set(np.flatnonzero(frame.hidden))
+        assert not survey.scale[cells[frame.hidden[agents]]].any()
     colors = by_reason(frame)
     names = {colors.names[index] for index in colors.index[frame.hidden]}
     assert names == {"Hidden by scenery"}
