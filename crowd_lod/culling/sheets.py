@@ -18,6 +18,8 @@ from .occluders import Occluders
 ACROSS = 160  # cells along the longer side of the picture
 LEAST_CELLS = 3.0  # cells along both axes below which a component is not drawn
 FLAT = 1e-12  # part of its size cubed, below which a triangle is edge-on
+SLICE = 2.0  # times as far reaches each slice of depth
+MOST_SLACK = 0.25  # cells, above which a triangle or a border is cut into slices
 ROUNDING = 1e-9  # of cells and of nearness, several thousand roundings of float64
 
 
@@ -114,11 +116,11 @@ def read_sheets(occluders: Occluders, cameras: Sequence[Camera], grid: Grid) -> 
         corners, of_corners, cuts, of_cuts = _cut_triangles(corners, of_corners, 3 * k + 2, cut)
         ends = np.concatenate([ends, cuts])
         ends, of_ends = _cut_segments(ends, np.concatenate([of_ends, of_cuts]), 3 * k + 2, cut)
+    triangles, slack, of_corners = _picture_parts(corners, of_corners, cameras, grid)
     numbers, of_corners = np.unique(of_corners, return_inverse=True)
     stays = np.isin(of_ends, numbers)
-    triangles, slack = _picture(corners, cameras, grid)
-    borders, border_slack = _picture(ends[stays], cameras, grid)
-    of_ends = np.searchsorted(numbers, of_ends[stays])
+    borders, border_slack, of_ends = _picture_parts(ends[stays], of_ends[stays], cameras, grid)
+    of_ends = np.searchsorted(numbers, of_ends)
     return Sheets(triangles, of_corners, slack, borders[..., :2], of_ends, border_slack)
 
 
@@ -158,15 +160,16 @@ def _facing(corners: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 def _cut_triangles(
-    corners: np.ndarray, sheet: np.ndarray, depth: int, cut: float
+    corners: np.ndarray, sheet: np.ndarray, depth: int, cut: float, beyond: bool = True
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return what of triangles lies beyond a depth: (corners, sheets, cuts, sheets of these).
 
     corners: (m, 3, c) columns of their corners.
     depth: the column that has it.
+    beyond: False for what lies before it.
     cuts: (k, 2, c), the borders at which they are cut.
     """
-    behind = corners[:, :, depth] < cut
+    behind = (corners[:, :, depth] < cut) == beyond
     count = behind.sum(axis=1)
     parts = [corners[count == 0]]
     sheets = [sheet[count == 0]]
@@ -194,10 +197,10 @@ def _cut_triangles(
 
 
 def _cut_segments(
-    ends: np.ndarray, sheet: np.ndarray, depth: int, cut: float
+    ends: np.ndarray, sheet: np.ndarray, depth: int, cut: float, beyond: bool = True
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return what of segments (m, 2, c) lies beyond a depth, and the sheets of these."""
-    behind = ends[:, :, depth] < cut
+    """Return what of segments (m, 2, c) lies beyond (or before) a depth, and their sheets."""
+    behind = (ends[:, :, depth] < cut) == beyond
     stays = ~behind.all(axis=1)
     ends = ends[stays]
     behind = behind[stays]
@@ -213,6 +216,67 @@ def _crossing(a: np.ndarray, b: np.ndarray, depth: int, cut: float) -> np.ndarra
     crossing: np.ndarray = a + part[:, None] * (b - a)
     crossing[:, depth] = cut
     return crossing
+
+
+def _picture_parts(
+    parts: np.ndarray, sheet: np.ndarray, cameras: Sequence[Camera], grid: Grid
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return triangles or segments in the picture: (vertices, slack as _picture has it, sheets).
+
+    What reaches from the camera's feet to the horizon, such as ground, moves far near the camera
+    and hardly in the distance: it is cut into slices of depth, each with its own slack. What stays
+    beside the picture is left out.
+
+    parts: (m, k, c) columns of their vertices, beyond the near clip.
+    """
+    vertices, slack = _picture(parts, cameras, grid)
+    wide = (slack > MOST_SLACK) & (cameras[0].kind != "ORTHO")
+    if not wide.any():
+        return vertices, slack, sheet
+    sliced, of_sliced = _slices(parts[wide], sheet[wide], nearest_cut(cameras[0]))
+    shown = ~_are_beside(sliced, cameras)
+    of_sliced = of_sliced[shown]
+    sliced_vertices, sliced_slack = _picture(sliced[shown], cameras, grid)
+    return (
+        np.concatenate([vertices[~wide], sliced_vertices]),
+        np.concatenate([slack[~wide], sliced_slack]),
+        np.concatenate([sheet[~wide], of_sliced]),
+    )
+
+
+def _slices(parts: np.ndarray, sheet: np.ndarray, nearest: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return triangles or segments (m, k, c) cut into slices of depth, and their sheets.
+
+    Each slice reaches SLICE times as far as the one before; the first begins at `nearest`.
+    """
+    cut = _cut_segments if parts.shape[1] == 2 else _cut_triangles
+    slices = []
+    sheets = []
+    depth = nearest * SLICE
+    while len(parts) and depth < parts[:, :, 2].max():
+        before, of_before, *_ = cut(parts, sheet, 2, depth, beyond=False)
+        parts, sheet, *_ = cut(parts, sheet, 2, depth)
+        slices.append(before)
+        sheets.append(of_before)
+        depth *= SLICE
+    return np.concatenate([*slices, parts]), np.concatenate([*sheets, sheet])
+
+
+def _are_beside(parts: np.ndarray, cameras: Sequence[Camera]) -> np.ndarray:
+    """Return which of `parts` (m, k, c) lie on one side of the pictures of all cameras, (m,) bool.
+
+    The pictures are taken three times as large, for what happens between the cameras.
+    """
+    sides = np.ones((len(parts), 2, 2), bool)
+    for k, camera in enumerate(cameras):
+        w = camera.visible_window
+        low = np.array([2 * w.left - w.right, 2 * w.bottom - w.top])
+        high = np.array([2 * w.right - w.left, 2 * w.top - w.bottom])
+        place = parts[..., 3 * k : 3 * k + 2]
+        depth = parts[..., 3 * k + 2, None]
+        sides[:, 0] &= (place < low * depth).all(axis=1)
+        sides[:, 1] &= (place > high * depth).all(axis=1)
+    return sides.any(axis=(1, 2))
 
 
 def _picture(
