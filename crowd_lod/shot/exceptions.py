@@ -14,7 +14,7 @@ import numpy as np
 from ..errors import CrowdError
 from ..frame.frame import Frame
 from ..frame.planned import EXCEPTED, HIDDEN, PINNED, with_row
-from .survey import CULLED, SEEN, Survey
+from .survey import SEEN, Survey
 
 KINDS = ("NEVER_COARSER", "ALWAYS", "HIDE")
 NEVER_COARSER, ALWAYS, HIDE = KINDS
@@ -195,26 +195,27 @@ def excepted(survey: Survey, exemptions: Sequence[Exemption]) -> Survey:
         np.uint8,
     )
     hiding = np.array([*hides, False])
-    finest = np.empty_like(survey.kind)
-    limit = np.empty_like(survey.kind)
+    finest = np.zeros_like(survey.kind)
+    limit = np.zeros_like(survey.kind)
     was_hidden = np.zeros(len(survey.group), bool)  # hidden in the frame before, and otherwise seen
     for f, number in enumerate(survey.numbers.tolist()):
         exemption = in_force(exemptions, number, len(survey.group))
-        finest[f] = least[exemption]
-        limit[f] = most[exemption]
+        agents, cells = survey.cells.in_frame(f)
+        finest[cells] = least[exemption[agents]]
+        limit[cells] = most[exemption[agents]]
         hidden = hiding[exemption]
-        shows = survey.kind[f] == SEEN
+        shows = np.zeros(len(hidden), bool)
+        shows[agents] = survey.kind[cells] == SEEN
         appears = np.flatnonzero(was_hidden & shows & ~hidden & (not survey.cuts[f]))
         survey.entered[f] = np.union1d(survey.entered[f][~hidden[survey.entered[f]]], appears)
         gone = survey.left[f]
         survey.left[f] = gone[~(hidden | was_hidden)[gone]]
         was_hidden = shows & hidden
-        survey.kind[f, hidden] = CULLED
-        for column in (survey.coarsest, survey.scale, survey.character):
-            column[f, hidden] = 0
-        np.clip(
-            survey.coarsest[f], finest[f], limit[f], out=survey.coarsest[f], where=shows & ~hidden
-        )
+        hidden_cells = cells[hidden[agents]]
+        for column in (survey.kind, survey.coarsest, survey.scale, survey.character):
+            column[hidden_cells] = 0  # the kind CULLED is 0
+        seen = cells[(shows & ~hidden)[agents]]
+        survey.coarsest[seen] = np.clip(survey.coarsest[seen], finest[seen], limit[seen])
     return replace(survey, finest=finest, limit=limit)
 
 

@@ -13,9 +13,10 @@ from .guard import handler
 from .labeled_properties import CONTEXT
 
 # Seconds of work between two drawings of the window: as many as the last one took. Steps change
-# data, after which Blender draws all of the window: 0.2 s on software OpenGL, a few ms on a card.
+# data, after which Blender draws all of the window: 0.1 to 0.2 s on software OpenGL, a few ms on a
+# card.
 LEAST_TICK = 0.04
-MOST_TICK = 0.2
+MOST_TICK = 0.1
 # by the bl_idname of an operator at work: its progress, 0 to 1
 at_work: dict[str, float] = {}
 # functions of a scene that return what steps rest on; registration fills the list

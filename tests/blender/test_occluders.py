@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.frame.hidden import hidden_wholly
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.crowd_lod.shot.survey import HIDDEN
 from crowd_lod_extension.operators.overlay.agent_colors import by_reason
 from crowd_lod_extension.operators.render_setup import render_setup
 from crowd_lod_extension.operators.render_setup.cost_estimate import estimate
@@ -210,13 +209,13 @@ def test_estimate_tells_the_gain_and_the_digest_the_scenery(street):
 def test_a_plan_knows_who_is_hidden(street):
     """Nobody hidden asks for a LOD, and plan and frames agree on who that is."""
     survey = finished(survey_of(street, [1, 2])).survey
-    hidden = survey.kind == HIDDEN
     for f, number in enumerate((1, 2)):
         street.frame_set(number)
         frame = planned(street)
-        assert hidden_wholly(frame) == hidden[f].sum() > 0
-        assert set(frame.buckets.order) == set(np.flatnonzero(survey.is_seen[f]))
-    assert not survey.scale[hidden].any()
+        assert hidden_wholly(frame) == survey.hidden[f] > 0
+        agents, cells = survey.cells.in_frame(f)
+        assert set(frame.buckets.order) == set(agents[survey.is_seen[cells]])
+        assert not survey.scale[cells[frame.hidden[agents]]].any()
     colors = by_reason(frame)
     names = {colors.names[index] for index in colors.index[frame.hidden]}
     assert names == {"Hidden by scenery"}
