@@ -204,8 +204,9 @@ def _type_of(recording: Recording, name: str) -> np.dtype:
 
 def _cells_of(records: Sequence[Record], agents: int) -> Cells:
     """Return the cells of these frames of so many agents."""
-    first = np.zeros(agents, np.intp)
-    last = np.zeros(agents, np.intp)
+    number = np.min_scalar_type(len(records))
+    first = np.zeros(agents, number)
+    last = np.zeros(agents, number)
     for f, record in enumerate(records):
         breath()
         is_present = _unpacked(record, agents)
