@@ -10,6 +10,8 @@ too; agents without one in sight are those that could be hidden. Then 100,000 ag
 rays, and the processor's milliseconds. Last, what baked renders take with and without it.
 """
 
+import json
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -22,10 +24,11 @@ from crowd_lod_extension.crowd_lod.frame.frame import Frame
 from crowd_lod_extension.crowd_lod.frame.hidden import hidden_wholly, hide
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.reporting import files, tables
-from crowd_lod_extension.operators.blender import scene_data
+from crowd_lod_extension.operators.blender import console, scene_data
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.render_setup import render_setup
+from crowd_lod_extension.operators.render_setup import bake, render_setup
 from crowd_lod_extension.operators.render_setup.aovs import materials_of
+from crowd_lod_extension.operators.render_setup.hidden_characters import hide_characters
 from crowd_lod_extension.operators.scene.lights import read_surroundings
 from crowd_lod_extension.operators.scene.scene_crowd import frame_of
 from mathutils import Vector
@@ -37,20 +40,34 @@ MANY = 100_000
 MANY_RAYS = 1_000_000
 FINER = 4  # times as many pixels along each axis
 REPEATS = 5
+RENDERS = (
+    ("WORKBENCH", 10_000),
+    ("EEVEE", 10_000),
+    ("CYCLES", 10_000),
+    ("CYCLES", 100_000),
+    ("CYCLES", 1_000_000),
+)
+SHOWN = 70  # the frame that is rendered
+LIMIT = 1200.0  # seconds, to make a file or to render it
 
 
 def main(out: Path, quick: bool) -> None:
-    """Write occlusion.csv and reach.csv into `out`, and print them."""
+    """Write occlusion.csv, occlusion_many.csv and occlusion_renders.csv, and print them."""
     from worth import show
 
     crowd_lod_extension.register()
     with files.staged(out) as folder:
         rows = [row for name in street.CASES for row in judge_case(name)]
-        show("false culls", rows)
-        (folder / "occlusion.csv").write_text(tables.to_csv(rows), encoding="utf-8")
-        many = [judge_many(frame) for frame in (1, 70, 92, 110)]
-        show(f"{MANY:,} agents", many)
-        (folder / "occlusion_many.csv").write_text(tables.to_csv(many), encoding="utf-8")
+        many = [judge_many(frame) for frame in (1, 70, 110)]
+        with tempfile.TemporaryDirectory() as scratch:
+            renders = [
+                row
+                for engine, agents in RENDERS[: 2 if quick else None]
+                for row in compare_renders(Path(scratch), engine, agents)
+            ]
+        for name, found in (("", rows), ("_many", many), ("_renders", renders)):
+            show(f"occlusion{name}", found)
+            (folder / f"occlusion{name}.csv").write_text(tables.to_csv(found), encoding="utf-8")
 
 
 def judge_case(name: str) -> list[dict]:
@@ -100,7 +117,8 @@ def _counts(frame: Frame) -> dict:
 
 
 def _shine(scene: bpy.types.Scene) -> None:
-    """Have the characters show their agent's number, plus 1, as light that reaches nothing else."""
+    """Have the characters show their agent's number, plus 1, as the only light of the picture."""
+    bpy.data.batch_remove([item for item in scene.objects if item.type == "LIGHT"])
     for surface in materials_of(scene):
         tree = surface.node_tree
         tree.nodes.clear()
@@ -144,11 +162,16 @@ def item_buffer(scene: bpy.types.Scene, number: int) -> np.ndarray:
 
 
 def _red(path: Path) -> np.ndarray:
+    return _values(path)[::4]
+
+
+def _values(path: Path) -> np.ndarray:
+    """The pixels' values, four each."""
     image = bpy.data.images.load(str(path))
     values = np.empty(len(image.pixels), np.float32)
     image.pixels.foreach_get(values)
     bpy.data.images.remove(image)
-    return values[::4]
+    return values
 
 
 def judge_by_rays(scene: bpy.types.Scene, frame: Frame, rays: int) -> dict:
@@ -233,3 +256,68 @@ def judge_many(number: int) -> dict:
         "cpu_ms": round(1000 * cpu / REPEATS, 1),
         **judge_by_rays(scene, frame, rays),
     }
+
+
+def compare_renders(folder: Path, engine: str, agents: int) -> list[dict]:
+    """A row for the bake of a frame with everyone, and one without who is hidden."""
+    from worth import job
+
+    rows = []
+    pictures = []
+    for way in ("everyone", "occlusion"):
+        file = folder / f"{way}_{agents}.blend"
+        picture = folder / f"{way}.exr"
+        asked = {"hides": way == "occlusion", "engine": engine, "file": str(file)}
+        made = job(LIMIT, "occlusion.py", agents=agents, **asked)
+        took = job(
+            LIMIT,
+            job="render",
+            file=str(file),
+            picture=str(picture),
+            engine=engine,
+            frame=SHOWN,
+            width=320,
+            samples=4,
+        )
+        pictures.append(_values(picture))
+        parts = (
+            {key: round(took[key] / rows[0][key], 3) for key in ("cpu_s", "peak_mb")}
+            if rows
+            else {}
+        )
+        rows.append(
+            {
+                "engine": engine,
+                "agents": agents,
+                "way": way,
+                **made,
+                **{k: took[k] for k in ("cpu_s", "peak_mb")},
+            }
+        )
+        rows[-1] |= {"time": parts.get("cpu_s"), "memory": parts.get("peak_mb")}
+        rows[-1]["values_that_differ"] = int((np.abs(pictures[0] - pictures[-1]) > 1e-4).sum())
+        print(*rows[-1].values(), sep="\t", flush=True)
+    return rows
+
+
+def make(hides: bool, engine: str, file: str, agents: int) -> dict:
+    """Write the file of a street, baked for one frame; return what it holds."""
+    crowd_lod_extension.register()
+    scene = street.make_street(agents, 12)
+    settings = scene.crowd_lod
+    settings.occlusion = hides
+    scene.render.engine = scene_data.BLENDER_ENGINES[engine]
+    scene.cycles.max_bounces = 0
+    finished(make_levels(scene))
+    finished(bake.bake(scene, [SHOWN]))
+    shown = sum(len(item.data.vertices) for item in render_setup.points_of(settings.build).values())
+    hide_characters(scene)
+    bake.keep_what_renders(scene)
+    bpy.ops.wm.save_as_mainfile(filepath=file)
+    return {"agents_in_file": shown, "file_mb": round(Path(file).stat().st_size / 1e6, 2)}
+
+
+if __name__ == "__main__":
+    with console.quiet():
+        result = make(**json.loads(sys.argv[1]))
+    print(json.dumps(result), flush=True)

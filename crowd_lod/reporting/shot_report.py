@@ -14,6 +14,7 @@ from ..shot.coloring import PhasePlan
 from ..shot.curve import Curve, of_full_detail
 from ..shot.shot import ShotPlan
 from ..shot.shot_cost import Shot
+from ..shot.survey import SEEN
 from ..shot.switches import NOTHING
 from ..shot.verdict import Verdict
 from .html_report import css_of
@@ -157,7 +158,7 @@ def warnings_of(report: ShotReport) -> list[str]:
         sentences.append(
             "The plan avoids no switch: raise Extra Cost for Fewer Pops, or the tolerance."
         )
-    empty = ~survey.is_seen.any(axis=1)
+    empty = survey.count(SEEN) == 0
     if empty.any():
         sentences.append(f"No character is seen in {_frames(survey.numbers[empty])}.")
     if (np.diff(survey.numbers) > 1).any():

@@ -13,7 +13,7 @@ import numpy as np
 from ..animation.phase_classes import Gaits
 from ..crowd.agents import CLASSES, Group
 from .phases import NEAREST, Phases, palette
-from .survey import CULLED, Survey
+from .survey import CULLED, SEEN, Survey
 
 VARIETY = 0.05  # of close neighbors, at most, in step: about what CLASSES random classes leave
 FEWEST = 3  # classes of a palette
@@ -72,12 +72,11 @@ class Meetings:
 def meetings_of(survey: Survey) -> Meetings:
     """Return the meetings that `survey` has seen."""
     assert survey.roles is not None
-    frame = np.repeat(np.arange(len(survey.times)), [len(pairs) for pairs in survey.pairs])
-    pair = np.concatenate(survey.pairs)
-    character = survey.character[frame[:, None], pair]
+    pair = survey.encounters.pair
+    character = survey.encounters.characters
+    weight = survey.encounters.weight
     block = survey.roles.block[character].astype(np.uint16)
     classes = survey.roles.phase_class[character]
-    weight = np.concatenate(survey.nearness) * survey.scale[frame, pair[:, 0]].astype(np.float64)
     key = np.column_stack((pair, block, classes))
     order = np.lexsort(key.T)
     key = key[order]
@@ -107,6 +106,10 @@ class Changes:
     block: np.ndarray
     classes: np.ndarray
     pixels: np.ndarray
+
+    def of(self, mask: np.ndarray) -> "Changes":
+        """Return those of the mask `mask`, (m,) bool."""
+        return Changes(self.agent[mask], self.block[mask], self.classes[mask], self.pixels[mask])
 
     def jumps(self, phases: Phases) -> np.ndarray:
         """Return by how many pixels each change moves a foot, (m,) float64.
@@ -154,14 +157,23 @@ def changes_of(survey: Survey, strides: np.ndarray) -> Changes:
     of_block = survey.roles.block
     walks = np.append(strides, 0.0)
     parts = []
-    for f in range(1, len(survey.times)):
-        pair = survey.character[f - 1 : f + 1]
-        block = of_block[pair]
-        changed = survey.joined(f) & (pair[0] != pair[1]) & (walks[block] > 0).all(axis=0)
-        (agent,) = np.nonzero(changed)
-        scale = survey.scale[f, agent].astype(np.float64)
-        pixels = SWING * walks[block[1, agent]] * scale
-        parts.append((agent, block[:, agent].T, survey.roles.phase_class[pair[:, agent]].T, pixels))
+    for block, character, scale in survey.cells.tables(survey.character, survey.scale):
+        is_other = survey.joined(block)
+        is_other[1:] &= character[1:] != character[:-1]
+        f, column = np.nonzero(is_other)
+        pair = np.column_stack((character[f - 1, column], character[f, column]))
+        stride = walks[of_block[pair]]
+        (walking,) = np.nonzero((stride > 0).all(axis=1))
+        pair = pair[walking]
+        pixels = scale[f, column].astype(np.float64)[walking]
+        parts.append(
+            (
+                block.agents[column[walking]],
+                of_block[pair],
+                survey.roles.phase_class[pair],
+                SWING * stride[walking, 1] * pixels,
+            )
+        )
     if not parts:
         none = np.empty((0, 2), np.intp)
         return Changes(none[:, 0], none, none.astype(np.uint8), np.empty(0))
@@ -201,12 +213,14 @@ def plan_phases(
     tolerance: float | None,
     variety: float = VARIETY,
     fixed: np.ndarray | None = None,
+    wearer: np.ndarray | None = None,
 ) -> PhasePlan:
     """Return the fewest classes of each block with which few neighbors are in step.
 
     strides: of strides_of. tolerance: pixels; None counts as one.
     variety: the part of all close neighbors that may be in step.
     fixed: (n,) bool, agents that keep the phases of their source; None for nobody.
+    wearer: (n,) intp, of Trajectory.wearer: what agents wear takes their phases.
 
     Blocks that the same rigs move have one palette. Agents that would jump by more than JUMP when
     they change what they play have finer ones. Agents that are ever near take FEWEST classes
@@ -216,6 +230,10 @@ def plan_phases(
     agents = len(survey.group)
     meetings = meetings_of(survey)
     changes = changes_of(survey, strides)
+    if wearer is not None:
+        is_agent = wearer == np.arange(agents)
+        meetings = meetings.of(is_agent[meetings.pair].all(axis=1))
+        changes = changes.of(is_agent[changes.agent])
     family = survey.roles.family
     everything = Phases(
         np.zeros(agents, np.uint8),
@@ -241,6 +259,8 @@ def plan_phases(
         if not _crowded(meetings, sharing, family, variety).any():
             phases = sharing
             break
+    if wearer is not None:
+        phases = replace(phases, shift=phases.shift[wearer], finer=phases.finer[wearer])
     return PhasePlan(
         phases,
         meetings.share_in_step(phases),
@@ -252,8 +272,8 @@ def plan_phases(
 def _nearest_agents(survey: Survey, finest: int) -> np.ndarray:
     """Return which agents need LOD `finest` or a finer one when they are seen, (n,) bool."""
     near = np.zeros(len(survey.group), bool)
-    for f, levels in enumerate(survey.coarsest):
-        near |= survey.is_seen[f] & (levels <= finest)
+    for block, levels, kind in survey.cells.tables(survey.coarsest, survey.kind):
+        near[block.agents] = ((kind == SEEN) & (levels <= finest)).any(axis=0)
     return near
 
 
@@ -263,21 +283,22 @@ def _moved_to_few(survey: Survey, phases: Phases, near: np.ndarray) -> Phases:
     They show the nearest of FEWEST classes of their palettes when they are first seen.
     """
     assert survey.roles is not None
-    (agents,) = np.nonzero(near)
-    character = survey.character[survey.is_seen[:, agents].argmax(axis=0), agents]
-    block = survey.roles.block[character]
-    (rigged,) = np.nonzero(block >= 0)
-    agents = agents[rigged]
-    classes = survey.roles.phase_class[character[rigged]].astype(np.intp)
-    count = phases.counts[block[rigged]]
     shift = phases.shift.copy()
-    for size in np.unique(count):
-        of_size = count == size
-        few = _few_of(size)
-        shown = (classes[of_size] + shift[agents[of_size]]) % CLASSES
-        ahead = (few[:, None] - shown) % CLASSES
-        nearest = np.minimum(ahead, CLASSES - ahead).argmin(axis=0)
-        shift[agents[of_size]] = (few[nearest] - classes[of_size]) % CLASSES
+    for cells, characters, kind in survey.cells.tables(survey.character, survey.kind):
+        (columns,) = np.nonzero(near[cells.agents])
+        character = characters[(kind[:, columns] == SEEN).argmax(axis=0), columns]
+        block = survey.roles.block[character]
+        (rigged,) = np.nonzero(block >= 0)
+        agents = cells.agents[columns[rigged]]
+        classes = survey.roles.phase_class[character[rigged]].astype(np.intp)
+        count = phases.counts[block[rigged]]
+        for size in np.unique(count):
+            of_size = count == size
+            few = _few_of(size)
+            shown = (classes[of_size] + shift[agents[of_size]]) % CLASSES
+            ahead = (few[:, None] - shown) % CLASSES
+            nearest = np.minimum(ahead, CLASSES - ahead).argmin(axis=0)
+            shift[agents[of_size]] = (few[nearest] - classes[of_size]) % CLASSES
     return replace(phases, shift=shift)
 
 
@@ -421,10 +442,10 @@ def recast(survey: Survey, phases: Phases) -> Survey:
     """Return `survey` with the characters that agents show by `phases`."""
     assert survey.roles is not None
     character = survey.character.copy()
-    for f, row in enumerate(character):
-        block = survey.roles.block[row]
-        (agents,) = np.nonzero((survey.kind[f] != CULLED) & (block >= 0))
-        own = survey.roles.phase_class[row[agents]]
-        change = phases.classes_of(agents, block[agents], own).astype(np.int32) - own
-        row[agents] = row[agents] + change
+    for cells, rows, kind in survey.cells.tables(character, survey.kind):
+        block = survey.roles.block[rows]
+        f, column = np.nonzero((kind != CULLED) & (block >= 0))
+        own = survey.roles.phase_class[rows[f, column]]
+        shown = phases.classes_of(cells.agents[column], block[f, column], own)
+        rows[f, column] += (shown.astype(np.int32) - own).astype(rows.dtype)
     return replace(survey, character=character)

@@ -130,6 +130,7 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
         policy.tolerance,
         request.variety,
         trajectory.given_phases,
+        trajectory.wearer,
     )
     phases = yield from standing(aside(planning), SURVEYED)
     survey = recast(through.survey, phases.phases)
@@ -240,10 +241,12 @@ def write_plan(
 def write_levels(folder: Path, planned: PlannedShot) -> None:
     """Write plan.npz into `folder`."""
     numbers = planned.stored.numbers.tolist()
+    cells = planned.shot.survey.cells
+    levels = planned.plan.levels
     pinned = PINNED if planned.plan.tolerance or planned.shot.survey.blurred else 0
     rows = [
-        marked(row | pinned, number, planned.exemptions)
-        for number, row in zip(numbers, planned.plan.levels, strict=True)
+        marked(cells.row(levels, f) | pinned, number, planned.exemptions)
+        for f, number in enumerate(numbers)
     ]
     plan_file.write(folder / plan_file.NAME, planned.stored, rows)
 
