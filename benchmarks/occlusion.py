@@ -298,7 +298,9 @@ def make(way: str, engine: str, file: str, agents: int) -> dict:
     settings.occlusion = way == "occlusion"
     scene.render.engine = ENGINES[engine]
     scene.cycles.device = "CPU"
-    scene.cycles.samples = scene.eevee.taa_render_samples = 4
+    scene.cycles.samples = 4
+    scene.eevee.taa_render_samples = 1
+    scene.render.resolution_percentage = {"EEVEE": 33}.get(engine, 100)  # a GPU may be software
     scene.cycles.use_adaptive_sampling = scene.cycles.use_denoising = False
     scene.cycles.max_bounces = 0  # hidden agents' light that bounces is lost (docs/limits.md)
     finished(make_levels(scene))
