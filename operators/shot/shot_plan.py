@@ -130,6 +130,7 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
         policy.tolerance,
         request.variety,
         trajectory.given_phases,
+        trajectory.wearer,
     )
     phases = yield from standing(aside(planning), SURVEYED)
     survey = recast(through.survey, phases.phases)
