@@ -196,6 +196,7 @@ def _report_on(
         classes=phases.rows(names, trajectory.gaits),
         tints=TINTS,
         milliseconds=through.milliseconds,
+        left_out=through.left_out,
         crops=(yield from share(drawing, CURVED, 1.0)),
     )
 
