@@ -10,6 +10,9 @@ too; agents without one in sight are those that could be hidden. Then 100,000 ag
 rays, and the processor's milliseconds. Last, what baked renders take with and without it.
 """
 
+import json
+import resource
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -22,10 +25,11 @@ from crowd_lod_extension.crowd_lod.frame.frame import Frame
 from crowd_lod_extension.crowd_lod.frame.hidden import hidden_wholly, hide
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.reporting import files, tables
-from crowd_lod_extension.operators.blender import scene_data
+from crowd_lod_extension.operators.blender import console, scene_data
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.render_setup import render_setup
+from crowd_lod_extension.operators.render_setup import bake, render_setup
 from crowd_lod_extension.operators.render_setup.aovs import materials_of
+from crowd_lod_extension.operators.render_setup.hidden_characters import hide_characters
 from crowd_lod_extension.operators.scene.lights import read_surroundings
 from crowd_lod_extension.operators.scene.scene_crowd import frame_of
 from mathutils import Vector
@@ -37,20 +41,35 @@ MANY = 100_000
 MANY_RAYS = 1_000_000
 FINER = 4  # times as many pixels along each axis
 REPEATS = 5
+RENDERS = (
+    ("WORKBENCH", 10_000),
+    ("EEVEE", 10_000),
+    ("CYCLES", 10_000),
+    ("CYCLES", 100_000),
+    ("CYCLES", 1_000_000),
+)
+ENGINES = {**scene_data.BLENDER_ENGINES, "WORKBENCH": "BLENDER_WORKBENCH"}
+SHOWN = 70  # the frame that is rendered
+LIMIT = 1200.0  # seconds, to make a file or to render it
 
 
 def main(out: Path, quick: bool) -> None:
-    """Write occlusion.csv and reach.csv into `out`, and print them."""
+    """Write occlusion.csv, occlusion_many.csv and occlusion_renders.csv, and print them."""
     from worth import show
 
     crowd_lod_extension.register()
     with files.staged(out) as folder:
         rows = [row for name in street.CASES for row in judge_case(name)]
-        show("false culls", rows)
-        (folder / "occlusion.csv").write_text(tables.to_csv(rows), encoding="utf-8")
-        many = [judge_many(frame) for frame in (1, 70, 92, 110)]
-        show(f"{MANY:,} agents", many)
-        (folder / "occlusion_many.csv").write_text(tables.to_csv(many), encoding="utf-8")
+        many = [judge_many(frame) for frame in (1, 70, 110)]
+        with tempfile.TemporaryDirectory() as scratch:
+            renders = [
+                row
+                for engine, agents in RENDERS[: 2 if quick else None]
+                for row in compare_renders(Path(scratch), engine, agents)
+            ]
+        for name, found in (("", rows), ("_many", many), ("_renders", renders)):
+            show(f"occlusion{name}", found)
+            (folder / f"occlusion{name}.csv").write_text(tables.to_csv(found), encoding="utf-8")
 
 
 def judge_case(name: str) -> list[dict]:
@@ -100,7 +119,8 @@ def _counts(frame: Frame) -> dict:
 
 
 def _shine(scene: bpy.types.Scene) -> None:
-    """Have the characters show their agent's number, plus 1, as light that reaches nothing else."""
+    """Have the characters show their agent's number, plus 1, as the only light of the picture."""
+    bpy.data.batch_remove([item for item in scene.objects if item.type == "LIGHT"])
     for surface in materials_of(scene):
         tree = surface.node_tree
         tree.nodes.clear()
@@ -144,11 +164,16 @@ def item_buffer(scene: bpy.types.Scene, number: int) -> np.ndarray:
 
 
 def _red(path: Path) -> np.ndarray:
+    return _values(path)[::4]
+
+
+def _values(path: Path) -> np.ndarray:
+    """The pixels' values, four each."""
     image = bpy.data.images.load(str(path))
     values = np.empty(len(image.pixels), np.float32)
     image.pixels.foreach_get(values)
     bpy.data.images.remove(image)
-    return values[::4]
+    return values
 
 
 def judge_by_rays(scene: bpy.types.Scene, frame: Frame, rays: int) -> dict:
@@ -233,3 +258,82 @@ def judge_many(number: int) -> dict:
         "cpu_ms": round(1000 * cpu / REPEATS, 1),
         **judge_by_rays(scene, frame, rays),
     }
+
+
+def compare_renders(folder: Path, engine: str, agents: int) -> list[dict]:
+    """Rows for bakes of a frame without a crowd, with everyone, and without who is hidden.
+
+    Each has its parts of what everyone takes, whole and less what nobody takes.
+    """
+    from worth import job
+
+    rows = []
+    for way in ("nobody", "everyone", "occlusion"):
+        file = str(folder / f"{way}_{agents}.blend")
+        made = job(
+            LIMIT, "occlusion.py", job="make", way=way, engine=engine, file=file, agents=agents
+        )
+        picture = str(folder / f"{way}.exr")
+        took = job(LIMIT, "occlusion.py", job="render", file=file, picture=picture)
+        rows.append({"engine": engine, "agents": agents, "way": way, **made, **took})
+    if any("ended" in row for row in rows):
+        return rows
+    nobody, everyone, _ = rows
+    values = [_values(folder / f"{row['way']}.exr") for row in rows]
+    for row, pixels in zip(rows, values, strict=True):
+        for name in ("cpu_s", "peak_mb"):
+            row[f"{name}_part"] = round(row[name] / everyone[name], 3)
+            crowd = max(everyone[name] - nobody[name], 0.01)
+            row[f"{name}_part_of_crowd"] = round((row[name] - nobody[name]) / crowd, 3)
+        row["values_that_differ"] = int((np.abs(pixels - values[1]) > 1e-4).sum())
+        print(*row.values(), sep="\t", flush=True)
+    return rows
+
+
+def make(way: str, engine: str, file: str, agents: int) -> dict:
+    """Write the file of a street, baked for one frame; return what it holds."""
+    crowd_lod_extension.register()
+    scene = street.make_street(agents, 12)
+    settings = scene.crowd_lod
+    settings.occlusion = way == "occlusion"
+    scene.render.engine = ENGINES[engine]
+    scene.cycles.device = "CPU"
+    scene.cycles.samples = 4
+    scene.eevee.taa_render_samples = 1
+    scene.render.resolution_percentage = {"EEVEE": 33}.get(engine, 100)  # a GPU may be software
+    scene.cycles.use_adaptive_sampling = scene.cycles.use_denoising = False
+    scene.cycles.max_bounces = 0  # hidden agents' light that bounces is lost (docs/limits.md)
+    finished(make_levels(scene))
+    finished(bake.bake(scene, [SHOWN]))
+    shown = sum(len(item.data.vertices) for item in render_setup.points_of(settings.build).values())
+    if way == "nobody":
+        render_setup.remove_build(settings)
+    hide_characters(scene)
+    bake.keep_what_renders(scene)
+    bpy.ops.wm.save_as_mainfile(filepath=file)
+    return {"agents_in_file": shown, "file_mb": round(Path(file).stat().st_size / 1e6, 2)}
+
+
+def render(file: str, picture: str) -> dict:
+    """Render the file's frame; return the processor's seconds and the largest memory, MB."""
+    bpy.ops.wm.open_mainfile(filepath=file)
+    scene = bpy.context.scene
+    scene.frame_set(SHOWN)
+    scene.render.image_settings.file_format = "OPEN_EXR"
+    scene.render.image_settings.color_depth = "32"
+    scene.render.filepath = picture
+    cpu = time.process_time()
+    bpy.ops.render.render(write_still=True)
+    cpu = time.process_time() - cpu
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return {
+        "cpu_s": round(cpu, 2),
+        "peak_mb": round(peak / (1e6 if sys.platform == "darwin" else 1e3)),
+    }
+
+
+if __name__ == "__main__":
+    asked = json.loads(sys.argv[1])
+    with console.quiet():
+        result = {"make": make, "render": render}[asked.pop("job")](**asked)
+    print(json.dumps(result), flush=True)

@@ -108,6 +108,10 @@ class Changes:
     classes: np.ndarray
     pixels: np.ndarray
 
+    def of(self, mask: np.ndarray) -> "Changes":
+        """Return those of the mask `mask`, (m,) bool."""
+        return Changes(self.agent[mask], self.block[mask], self.classes[mask], self.pixels[mask])
+
     def jumps(self, phases: Phases) -> np.ndarray:
         """Return by how many pixels each change moves a foot, (m,) float64.
 
@@ -210,12 +214,14 @@ def plan_phases(
     tolerance: float | None,
     variety: float = VARIETY,
     fixed: np.ndarray | None = None,
+    wearer: np.ndarray | None = None,
 ) -> PhasePlan:
     """Return the fewest classes of each block with which few neighbors are in step.
 
     strides: of strides_of. tolerance: pixels; None counts as one.
     variety: the part of all close neighbors that may be in step.
     fixed: (n,) bool, agents that keep the phases of their source; None for nobody.
+    wearer: (n,) intp, of Trajectory.wearer: what agents wear takes their phases.
 
     Blocks that the same rigs move have one palette. Agents that would jump by more than JUMP when
     they change what they play have finer ones. Agents that are ever near take FEWEST classes
@@ -225,6 +231,10 @@ def plan_phases(
     agents = len(survey.group)
     meetings = meetings_of(survey)
     changes = changes_of(survey, strides)
+    if wearer is not None:
+        is_agent = wearer == np.arange(agents)
+        meetings = meetings.of(is_agent[meetings.pair].all(axis=1))
+        changes = changes.of(is_agent[changes.agent])
     family = survey.roles.family
     everything = Phases(
         np.zeros(agents, np.uint8),
@@ -250,6 +260,8 @@ def plan_phases(
         if not _crowded(meetings, sharing, family, variety).any():
             phases = sharing
             break
+    if wearer is not None:
+        phases = replace(phases, shift=phases.shift[wearer], finer=phases.finer[wearer])
     return PhasePlan(
         phases,
         meetings.share_in_step(phases),

@@ -176,6 +176,26 @@ def in_force(exemptions: Sequence[Exemption], number: int, count: int) -> np.nda
     return index_of
 
 
+def lod_limits(
+    exemptions: Sequence[Exemption], number: int, count: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return what exceptions allow `count` agents in the frame `number` of the timeline.
+
+    Returns (the finest LOD (count,) uint8, the coarsest (count,) uint8, who is hidden (count,)
+    bool).
+    """
+    exemption = in_force(exemptions, number, count)
+    # the last entry is for agents without one
+    finest = [each.level * (each.kind == ALWAYS) for each in exemptions]
+    coarsest = [NO_LIMIT if each.kind == HIDE else each.level for each in exemptions]
+    hidden = [each.kind == HIDE for each in exemptions]
+    return (
+        np.array([*finest, 0], np.uint8)[exemption],
+        np.array([*coarsest, NO_LIMIT], np.uint8)[exemption],
+        np.array([*hidden, False])[exemption],
+    )
+
+
 def excepted(survey: Survey, exemptions: Sequence[Exemption]) -> Survey:
     """Return the survey with the exceptions; its arrays are changed.
 
@@ -183,27 +203,14 @@ def excepted(survey: Survey, exemptions: Sequence[Exemption]) -> Survey:
     """
     if not exemptions:
         return survey
-    pins, hides = ([each.kind == kind for each in exemptions] for kind in (ALWAYS, HIDE))
-    levels = [each.level for each in exemptions]
-    # the last entry is for agents without one
-    least = np.array(
-        [level * pinned for level, pinned in zip(levels, pins, strict=True)] + [0], np.uint8
-    )
-    most = np.array(
-        [NO_LIMIT if hidden else level for level, hidden in zip(levels, hides, strict=True)]
-        + [NO_LIMIT],
-        np.uint8,
-    )
-    hiding = np.array([*hides, False])
     finest = np.zeros_like(survey.kind)
     limit = np.zeros_like(survey.kind)
     was_hidden = np.zeros(len(survey.group), bool)  # hidden in the frame before, and otherwise seen
     for f, number in enumerate(survey.numbers.tolist()):
-        exemption = in_force(exemptions, number, len(survey.group))
+        least, most, hidden = lod_limits(exemptions, number, len(survey.group))
         agents, cells = survey.cells.in_frame(f)
-        finest[cells] = least[exemption[agents]]
-        limit[cells] = most[exemption[agents]]
-        hidden = hiding[exemption]
+        finest[cells] = least[agents]
+        limit[cells] = most[agents]
         shows = np.zeros(len(hidden), bool)
         shows[agents] = survey.kind[cells] == SEEN
         appears = np.flatnonzero(was_hidden & shows & ~hidden & (not survey.cuts[f]))

@@ -131,6 +131,7 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
         policy.tolerance,
         request.variety,
         trajectory.given_phases,
+        trajectory.wearer,
     )
     phases = yield from standing(aside(planning), SURVEYED)
     survey = recast(through.survey, phases.phases)
@@ -196,6 +197,7 @@ def _report_on(
         classes=phases.rows(names, trajectory.gaits),
         tints=TINTS,
         milliseconds=through.milliseconds,
+        left_out=through.left_out,
         crops=(yield from share(drawing, CURVED, 1.0)),
     )
 

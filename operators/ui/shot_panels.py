@@ -16,7 +16,7 @@ from ..render_setup.render_setup import BAKED, baked_of
 from ..render_setup.view_layers import layers_of
 from ..runs.update_all import due_steps
 from ..settings import needs
-from ..settings.budgets import budget_of, possible_budgets
+from ..settings.budgets import LIMITS, budget_of, possible_budgets
 from ..sources.hand_edits import EDITS
 from . import steps
 from .drawing import active_column, button, label, letters_of, limit, paragraph, table, wide
@@ -85,13 +85,8 @@ class CROWDLOD_PT_budget(Step, bpy.types.Panel):
     bl_parent_id = "CROWDLOD_PT_plan"
 
     def body(self, context, layout, settings) -> None:
-        names = {
-            "budget_triangles": "Triangles",
-            "budget_memory": "Memory, MB",
-            "budget_finest": "Agents at LOD 0",
-        }
-        for name, text in names.items():
-            limit(layout, settings, name, text)
+        for setting, text, _ in LIMITS.values():
+            limit(layout, settings, setting, text)
         _possible_budgets(context, layout, settings)
 
 
