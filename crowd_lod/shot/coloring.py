@@ -12,8 +12,9 @@ import numpy as np
 
 from ..animation.phase_classes import Gaits
 from ..crowd.agents import CLASSES, Group
+from ..progress import breath
 from .phases import NEAREST, Phases, palette
-from .survey import CULLED, SEEN, Survey
+from .survey import SEEN, Survey
 
 VARIETY = 0.05  # of close neighbors, at most, in step: about what CLASSES random classes leave
 FEWEST = 3  # classes of a palette
@@ -334,6 +335,7 @@ def color(
     shift = phases.shift[sides.agents]
     everyone = np.arange(len(shift))
     for _ in range(MOST_ROUNDS):
+        breath()
         classes = sides.classes_of(shift)
         in_step = classes == sides.other(classes)
         now = np.bincount(sides.place, sides.weight * in_step, len(shift))
@@ -436,16 +438,3 @@ def _costs(
         option_class = NEAREST.ravel()[row + (classes + shift[place]) % CLASSES]
         cost[k] = np.bincount(place, weight * (option_class == theirs), len(is_asked))
     return cost
-
-
-def recast(survey: Survey, phases: Phases) -> Survey:
-    """Return `survey` with the characters that agents show by `phases`."""
-    assert survey.roles is not None
-    character = survey.character.copy()
-    for cells, rows, kind in survey.cells.tables(character, survey.kind):
-        block = survey.roles.block[rows]
-        f, column = np.nonzero((kind != CULLED) & (block >= 0))
-        own = survey.roles.phase_class[rows[f, column]]
-        shown = phases.classes_of(cells.agents[column], block[f, column], own)
-        rows[f, column] += (shown.astype(np.int32) - own).astype(rows.dtype)
-    return replace(survey, character=character)
