@@ -11,6 +11,7 @@ rays, and the processor's milliseconds. Last, what baked renders take with and w
 """
 
 import json
+import resource
 import sys
 import tempfile
 import time
@@ -47,6 +48,7 @@ RENDERS = (
     ("CYCLES", 100_000),
     ("CYCLES", 1_000_000),
 )
+ENGINES = {**scene_data.BLENDER_ENGINES, "WORKBENCH": "BLENDER_WORKBENCH"}
 SHOWN = 70  # the frame that is rendered
 LIMIT = 1200.0  # seconds, to make a file or to render it
 
@@ -259,65 +261,79 @@ def judge_many(number: int) -> dict:
 
 
 def compare_renders(folder: Path, engine: str, agents: int) -> list[dict]:
-    """A row for the bake of a frame with everyone, and one without who is hidden."""
+    """Rows for bakes of a frame without a crowd, with everyone, and without who is hidden.
+
+    Each has its parts of what everyone takes, whole and less what nobody takes.
+    """
     from worth import job
 
     rows = []
-    pictures = []
-    for way in ("everyone", "occlusion"):
-        file = folder / f"{way}_{agents}.blend"
-        picture = folder / f"{way}.exr"
-        asked = {"hides": way == "occlusion", "engine": engine, "file": str(file)}
-        made = job(LIMIT, "occlusion.py", agents=agents, **asked)
-        took = job(
-            LIMIT,
-            job="render",
-            file=str(file),
-            picture=str(picture),
-            engine=engine,
-            frame=SHOWN,
-            width=320,
-            samples=4,
+    for way in ("nobody", "everyone", "occlusion"):
+        file = str(folder / f"{way}_{agents}.blend")
+        made = job(
+            LIMIT, "occlusion.py", job="make", way=way, engine=engine, file=file, agents=agents
         )
-        pictures.append(_values(picture))
-        parts = (
-            {key: round(took[key] / rows[0][key], 3) for key in ("cpu_s", "peak_mb")}
-            if rows
-            else {}
-        )
-        rows.append(
-            {
-                "engine": engine,
-                "agents": agents,
-                "way": way,
-                **made,
-                **{k: took[k] for k in ("cpu_s", "peak_mb")},
-            }
-        )
-        rows[-1] |= {"time": parts.get("cpu_s"), "memory": parts.get("peak_mb")}
-        rows[-1]["values_that_differ"] = int((np.abs(pictures[0] - pictures[-1]) > 1e-4).sum())
-        print(*rows[-1].values(), sep="\t", flush=True)
+        picture = str(folder / f"{way}.exr")
+        took = job(LIMIT, "occlusion.py", job="render", file=file, picture=picture)
+        rows.append({"engine": engine, "agents": agents, "way": way, **made, **took})
+    if any("ended" in row for row in rows):
+        return rows
+    nobody, everyone, _ = rows
+    values = [_values(folder / f"{row['way']}.exr") for row in rows]
+    for row, pixels in zip(rows, values, strict=True):
+        for name in ("cpu_s", "peak_mb"):
+            row[f"{name}_part"] = round(row[name] / everyone[name], 3)
+            crowd = max(everyone[name] - nobody[name], 0.01)
+            row[f"{name}_part_of_crowd"] = round((row[name] - nobody[name]) / crowd, 3)
+        row["values_that_differ"] = int((np.abs(pixels - values[1]) > 1e-4).sum())
+        print(*row.values(), sep="\t", flush=True)
     return rows
 
 
-def make(hides: bool, engine: str, file: str, agents: int) -> dict:
+def make(way: str, engine: str, file: str, agents: int) -> dict:
     """Write the file of a street, baked for one frame; return what it holds."""
     crowd_lod_extension.register()
     scene = street.make_street(agents, 12)
     settings = scene.crowd_lod
-    settings.occlusion = hides
-    scene.render.engine = scene_data.BLENDER_ENGINES[engine]
-    scene.cycles.max_bounces = 0
+    settings.occlusion = way == "occlusion"
+    scene.render.engine = ENGINES[engine]
+    scene.cycles.device = "CPU"
+    scene.cycles.samples = 4
+    scene.eevee.taa_render_samples = 1
+    scene.render.resolution_percentage = {"EEVEE": 33}.get(engine, 100)  # a GPU may be software
+    scene.cycles.use_adaptive_sampling = scene.cycles.use_denoising = False
+    scene.cycles.max_bounces = 0  # hidden agents' light that bounces is lost (docs/limits.md)
     finished(make_levels(scene))
     finished(bake.bake(scene, [SHOWN]))
     shown = sum(len(item.data.vertices) for item in render_setup.points_of(settings.build).values())
+    if way == "nobody":
+        render_setup.remove_build(settings)
     hide_characters(scene)
     bake.keep_what_renders(scene)
     bpy.ops.wm.save_as_mainfile(filepath=file)
     return {"agents_in_file": shown, "file_mb": round(Path(file).stat().st_size / 1e6, 2)}
 
 
+def render(file: str, picture: str) -> dict:
+    """Render the file's frame; return the processor's seconds and the largest memory, MB."""
+    bpy.ops.wm.open_mainfile(filepath=file)
+    scene = bpy.context.scene
+    scene.frame_set(SHOWN)
+    scene.render.image_settings.file_format = "OPEN_EXR"
+    scene.render.image_settings.color_depth = "32"
+    scene.render.filepath = picture
+    cpu = time.process_time()
+    bpy.ops.render.render(write_still=True)
+    cpu = time.process_time() - cpu
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return {
+        "cpu_s": round(cpu, 2),
+        "peak_mb": round(peak / (1e6 if sys.platform == "darwin" else 1e3)),
+    }
+
+
 if __name__ == "__main__":
+    asked = json.loads(sys.argv[1])
     with console.quiet():
-        result = make(**json.loads(sys.argv[1]))
+        result = {"make": make, "render": render}[asked.pop("job")](**asked)
     print(json.dumps(result), flush=True)

@@ -32,12 +32,13 @@ def shot_facts(
     """
     plan = report.plan
     shot = report.shot
-    sentences = unneeded(shot, plan.bill.agents_shown, report.names)
+    reasons = [("shot", text) for text in unneeded(shot, plan.bill.agents_shown, report.names)]
+    reasons += [(item.stage, item.reason) for item in report.left_out]
     return {
         "preview": None,
         "left_out": [
-            {"stage": "shot", "reason": sentence, "ms_saved": None, "ms_spread": None}
-            for sentence in sentences
+            {"stage": stage, "reason": reason, "ms_saved": None, "ms_spread": None}
+            for stage, reason in reasons
         ],
         "frames": shot_rows(report),
         "made_for": dict(stored.made_for),

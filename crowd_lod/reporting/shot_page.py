@@ -55,7 +55,10 @@ def shot_parts(report: ShotReport) -> list[str]:
         _worst(report),
         list_of(
             "What the shot does not need",
-            unneeded(report.shot, report.plan.bill.agents_shown, report.names),
+            [
+                *unneeded(report.shot, report.plan.bill.agents_shown, report.names),
+                *(item.reason for item in report.left_out),
+            ],
         ),
         "<h2>Tables</h2>",
         _switch_table(report),

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..crowd.leave_outs import LeftOut
 from ..format import counted, number
 from ..levels.cost_model import NAMES
 from ..shot.budget import BudgetPlan
@@ -31,6 +32,7 @@ class ShotReport:
     phases: the shot's phase classes. classes: rows of them, see PhasePlan.rows.
     tints: (r, g, b) linear, of each LOD.
     milliseconds: of each stage of the survey, the mean of a frame; empty if it was not timed.
+    left_out: what the surroundings of the last frame do not need, and why.
     crops: of the largest changes, see switch_figures.figures; empty if none were drawn.
     """
 
@@ -45,6 +47,7 @@ class ShotReport:
     classes: Sequence[Mapping[str, Any]]
     tints: Sequence[Sequence[float]]
     milliseconds: Mapping[str, float]
+    left_out: Sequence[LeftOut] = ()
     crops: Sequence[tuple[np.ndarray, np.ndarray] | None] = ()
 
     @property

@@ -12,8 +12,9 @@ import numpy as np
 
 from ..animation.phase_classes import Gaits
 from ..crowd.agents import CLASSES, FEWEST_CLASSES, Group
+from ..progress import breath
 from .phases import NEAREST, Phases, palette
-from .survey import CULLED, SEEN, Survey
+from .survey import SEEN, Survey
 
 VARIETY = 0.05  # of close neighbors, at most, in step: about what CLASSES random classes leave
 WHOLE = 3  # times a palette of FEWEST_CLASSES is doubled: it then has all CLASSES
@@ -105,6 +106,10 @@ class Changes:
     block: np.ndarray
     classes: np.ndarray
     pixels: np.ndarray
+
+    def of(self, mask: np.ndarray) -> "Changes":
+        """Return those of the mask `mask`, (m,) bool."""
+        return Changes(self.agent[mask], self.block[mask], self.classes[mask], self.pixels[mask])
 
     def jumps(self, phases: Phases) -> np.ndarray:
         """Return by how many pixels each change moves a foot, (m,) float64.
@@ -208,21 +213,27 @@ def plan_phases(
     tolerance: float | None,
     variety: float = VARIETY,
     fixed: np.ndarray | None = None,
+    wearer: np.ndarray | None = None,
 ) -> PhasePlan:
     """Return the fewest classes of each block with which few neighbors are in step.
 
     strides: of strides_of. tolerance: pixels; None counts as one.
     variety: the part of all close neighbors that may be in step.
     fixed: (n,) bool, agents that keep the phases of their source; None for nobody.
+    wearer: (n,) intp, of Trajectory.wearer: what agents wear takes their phases.
 
     Blocks that the same rigs move have one palette. Agents that would jump by more than JUMP when
-    they change what they play have finer ones. Agents that are ever near take FEWEST_CLASSES classes
-    of their palette where that leaves few enough in step: few classes then show fine LODs.
+    they change what they play have finer ones. Agents that are ever near take FEWEST_CLASSES of
+    their palette where that leaves few enough in step: few classes then show fine LODs.
     """
     assert survey.roles is not None
     agents = len(survey.group)
     meetings = meetings_of(survey)
     changes = changes_of(survey, strides)
+    if wearer is not None:
+        is_agent = wearer == np.arange(agents)
+        meetings = meetings.of(is_agent[meetings.pair].all(axis=1))
+        changes = changes.of(is_agent[changes.agent])
     family = survey.roles.family
     everything = Phases(
         np.zeros(agents, np.uint8),
@@ -248,6 +259,8 @@ def plan_phases(
         if not _crowded(meetings, sharing, family, variety).any():
             phases = sharing
             break
+    if wearer is not None:
+        phases = replace(phases, shift=phases.shift[wearer], finer=phases.finer[wearer])
     return PhasePlan(
         phases,
         meetings.share_in_step(phases),
@@ -321,6 +334,7 @@ def color(
     shift = phases.shift[sides.agents]
     everyone = np.arange(len(shift))
     for _ in range(MOST_ROUNDS):
+        breath()
         classes = sides.classes_of(shift)
         in_step = classes == sides.other(classes)
         now = np.bincount(sides.place, sides.weight * in_step, len(shift))
@@ -423,16 +437,3 @@ def _costs(
         option_class = NEAREST.ravel()[row + (classes + shift[place]) % CLASSES]
         cost[k] = np.bincount(place, weight * (option_class == theirs), len(is_asked))
     return cost
-
-
-def recast(survey: Survey, phases: Phases) -> Survey:
-    """Return `survey` with the characters that agents show by `phases`."""
-    assert survey.roles is not None
-    character = survey.character.copy()
-    for cells, rows, kind in survey.cells.tables(character, survey.kind):
-        block = survey.roles.block[rows]
-        f, column = np.nonzero((kind != CULLED) & (block >= 0))
-        own = survey.roles.phase_class[rows[f, column]]
-        shown = phases.classes_of(cells.agents[column], block[f, column], own)
-        rows[f, column] += (shown.astype(np.int32) - own).astype(rows.dtype)
-    return replace(survey, character=character)

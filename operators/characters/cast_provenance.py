@@ -92,10 +92,12 @@ def _actions(scene: bpy.types.Scene, name: str, objects: list[bpy.types.Object])
 def _looked(scene: bpy.types.Scene) -> Iterator[tuple[str, str]]:
     with suppress(CrowdError):  # missing characters are told elsewhere
         cast = {}
-        for name, objects, _, _, _, given in all_characters(scene):
+        for character in all_characters(scene):
+            name = character.name
+            objects = character.objects
             cast[name] = objects
             read_actions = partial(_actions, scene, name, objects)
-            lods = [item for lod in given for item in lod.objects]
+            lods = [item for lod in character.given_lods for item in lod.objects]
             yield (
                 CHARACTER + name,
                 provenance.character_digest([*objects, *lods], read_actions),

@@ -214,7 +214,9 @@ def _whom(entry, trajectory: Trajectory) -> Callable[[float, frame_stepping.At],
             f"{entry.last_frame}: give the first frame first."
         )
     if entry.chosen_by == "NUMBERS":
-        agents = parse_agents(entry.agents, len(trajectory.start), entry.name, trajectory.ids)
+        people = trajectory.bare
+        numbers = parse_agents(entry.agents, len(people.start), entry.name, people.ids)
+        agents = trajectory.with_worn(numbers)
         return lambda time, at: agents
     if entry.chosen_by == "REGION":
         if entry.region is None or entry.region.type not in REGIONS:

@@ -15,6 +15,7 @@ import numpy as np
 
 from ...crowd_lod import __version__
 from ...crowd_lod.animation.phase_classes import Library
+from ...crowd_lod.crowd.leave_outs import LeftOut
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame import Frame, plan
 from ...crowd_lod.frame.index_cache import approach
@@ -48,11 +49,13 @@ class SurveyedShot:
 
     cameras: (F, E, 21) float64, of frame.planned.numbers_of.
     milliseconds: of each stage, the mean of the frames that this run planned.
+    left_out: what the surroundings of the last frame do not need, and why.
     """
 
     survey: Survey
     cameras: np.ndarray
     milliseconds: dict[str, float] = field(default_factory=dict)
+    left_out: tuple[LeftOut, ...] = ()
 
 
 def survey_of(
@@ -110,7 +113,7 @@ def survey_of(
     count = max(len(frames) - begin, 1)
     milliseconds = {name: total / count for name, total in took.items()}
     survey = yield from standing(aside(recording.survey), 1.0)
-    return SurveyedShot(survey, np.array(parts.cameras), milliseconds)
+    return SurveyedShot(survey, np.array(parts.cameras), milliseconds, around.left_out)
 
 
 def _begin(

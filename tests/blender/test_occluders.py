@@ -208,7 +208,9 @@ def test_estimate_tells_the_gain_and_the_digest_the_scenery(street):
 
 def test_a_plan_knows_who_is_hidden(street):
     """Nobody hidden asks for a LOD, and plan and frames agree on who that is."""
-    survey = finished(survey_of(street, [1, 2])).survey
+    surveyed = finished(survey_of(street, [1, 2]))
+    assert any("let light through" in item.reason for item in surveyed.left_out)
+    survey = surveyed.survey
     for f, number in enumerate((1, 2)):
         street.frame_set(number)
         frame = planned(street)

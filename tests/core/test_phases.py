@@ -12,11 +12,10 @@ from crowd_lod_extension.crowd_lod.shot.coloring import (
     changes_of,
     meetings_of,
     plan_phases,
-    recast,
     strides_of,
 )
 from crowd_lod_extension.crowd_lod.shot.neighbors import close_pairs
-from crowd_lod_extension.crowd_lod.shot.phases import NEAREST, Phases, palette
+from crowd_lod_extension.crowd_lod.shot.phases import NEAREST, Phases, palette, recast
 from crowd_lod_extension.crowd_lod.shot.survey import SEEN, Encounters
 
 from ..support.plaza_shot import library, plaza_shot

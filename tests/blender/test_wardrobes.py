@@ -1,0 +1,139 @@
+"""Slots of parts that agents of a group wear: who wears what, and that every step shows it."""
+
+import bpy
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.operators.blender import scene_data
+from crowd_lod_extension.operators.characters.characters import all_characters
+from crowd_lod_extension.operators.characters.group_measuring import measure_groups
+from crowd_lod_extension.operators.characters.stored_groups import store_groups
+from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from crowd_lod_extension.operators.render_setup import bake, render_setup
+from crowd_lod_extension.operators.scene.scene_crowd import frame_of, trajectory_of
+
+from .test_props import ball
+from .test_rigs import instances, itself
+
+PARTS = ["adult", "adult + cap", "adult + crown", "adult + bob", "child"]
+
+
+def slot(name, *items, **properties):
+    """A slot of the adult that holds the objects `items`."""
+    home = bpy.data.collections.new(f"slot: {name}")
+    adult = bpy.data.collections["adult"]
+    adult.children.link(home)
+    for item in items:
+        adult.objects.unlink(item)
+        home.objects.link(item)
+    for key, value in properties.items():
+        home[key] = value
+    return home
+
+
+def populated(scene):
+    store_groups(scene.crowd_lod, measure_groups(scene))
+    return trajectory_of(scene)
+
+
+@pytest.fixture
+def dressed(scene):
+    """Adults of whom some wear a cap or a crown, and some hair, but not under the crown."""
+    cap = ball("cap", 0.2, (0, 0, 1.8), "head")
+    crown = ball("crown", 0.4, (0, 0, 1.9), "head")
+    bob = ball("bob", 0.25, (0, 0, 1.6), "head")
+    crown["excludes"] = "hair"
+    cap["share"] = 2.0
+    slot("a hat", cap, crown, none=1.0)
+    slot("hair", bob, none=1.0)
+    return scene
+
+
+def test_parts_are_agents_who_do_what_their_wearers_do(dressed):
+    dressed.crowd_lod.count = 4000
+    trajectory = populated(dressed)
+    names = [group.name for group in trajectory.groups]
+    assert sorted(names) == sorted(PARTS)
+    adult, cap, crown, bob = (names.index(name) for name in PARTS[:4])
+    people = trajectory.bare
+    assert len(people.start) == 4000 and set(people.start.group) == {adult, names.index("child")}
+    crowd = trajectory.at(37)
+    worn = {}
+    for g in (cap, crown, bob):
+        rows = np.flatnonzero(crowd.group == g)
+        agents = trajectory.wearer[rows]
+        for column in ("x", "y", "z", "heading", "phase_class", "pace", "key"):
+            values = getattr(crowd, column)
+            assert (values[rows] == values[agents]).all()
+        assert (crowd.group[agents] == adult).all()
+        rate = trajectory.gaits.rates
+        assert (rate[g] == rate[adult]).all()
+        worn[g] = set(crowd.x[rows].tolist())
+    adults = np.count_nonzero(people.start.group == adult)
+    for g, share in ((cap, 0.5), (crown, 0.25), (bob, 0.375)):
+        assert abs(len(worn[g]) - share * adults) < 5 * np.sqrt(adults * share * (1 - share))
+    assert not worn[cap] & worn[crown] and not worn[crown] & worn[bob] and worn[cap] & worn[bob]
+    spheres = trajectory.spheres
+    assert len({spheres.radius[g] for g in (adult, cap, crown, bob)}) == 1
+    bpy.data.objects["bob"]["share"] = 0.5
+    again = populated(dressed).at(37)
+    assert np.array_equal(again.x[again.group == cap], crowd.x[crowd.group == cap])
+
+
+WRONG = {
+    "The slot hair of adult is empty": ("bob", "hide_render", True),
+    "of the slot hair of adult are all 0": ("bob", "share", 0.0),
+    r"The part adult \+ crown excludes the slot beard": ("crown", "excludes", "beard"),
+    "Nobody can wear the slot a hat of adult": ("slot: hair", "excludes", "a hat"),
+    r"The part adult \+ bob is not moved by adult rig": ("bob", "parent", None),
+    "two slots called a hat": ("slot: hair", "slot", "a hat"),
+    '"share" of bob is -1.0, and must be numbers from 0': ("bob", "share", -1.0),
+}
+
+
+@pytest.mark.parametrize("said", WRONG)
+def test_slots_that_cannot_be_used_are_named(dressed, said):
+    name, key, value = WRONG[said]
+    bpy.data.collections["slot: hair"]["none"] = 0.0
+    item = bpy.data.objects.get(name) or bpy.data.collections[name]
+    if hasattr(item, key):
+        setattr(item, key, value)
+    else:
+        item[key] = value
+    with pytest.raises(CrowdError, match=said):
+        all_characters(dressed)
+
+
+def test_build_and_bake_show_each_part_where_its_wearer_is(dressed):
+    scene = dressed
+    scene.crowd_lod.level_count = 1
+    scene.crowd_lod.count = 60
+    populated(scene)
+    list(make_levels(scene))
+    list(render_setup.build(scene))
+    for is_baked in (False, True):
+        if is_baked:
+            finished(bake.bake(scene, [50]))
+        rigs = [item for item in scene.crowd_lod.build.all_objects if item.type == "ARMATURE"]
+        assert (
+            len({item.data for item in rigs}) == 3
+        )  # of adults, of what their bones carry, of children
+        scene.frame_set(50)
+        plan = frame_of(scene, bpy.context.evaluated_depsgraph_get())
+        crowd = plan.crowd
+        agents = plan.buckets.order
+        shown = [points for level, points in instances(scene) if level == 0]
+        assert len(shown) == len(agents)
+        gaits = plan.trajectory.gaits
+        for g in range(5):
+            agent = agents[crowd.group[agents] == g][0]
+            rate = gaits.rates[g, crowd.pace[agent]]
+            phase = (crowd.phase_class[agent] / gaits.classes + rate * 50 / 24) % 1.0
+            angle = crowd.heading[agent] + scene_data.rotation(scene.crowd_lod.forward)
+            c = np.cos(angle)
+            s = np.sin(angle)
+            points = itself(scene, g, phase) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+            points += [crowd.x[agent], crowd.y[agent], crowd.z[agent]]
+            same = [other for other in shown if other.shape == points.shape]
+            assert min(abs(other - points).max() for other in same) < 2e-4
