@@ -41,7 +41,11 @@ def measure(slots: int) -> dict:
     depsgraph = bpy.context.evaluated_depsgraph_get()
     frame_of(scene, depsgraph, 10)
     planning = _seconds(lambda: frame_of(scene, depsgraph, 11))
-    memory = finished(estimate(scene, settings, [10])).as_json["By Ratio"]["memory_mb"]
+    memory = {}
+    for engine in scene.render.engine, "CYCLES":
+        scene.render.engine = engine
+        memory[engine] = finished(estimate(scene, settings, [10])).as_json["By Ratio"]["memory_mb"]
+    eevee, cycles = memory.values()
     return {
         "parts": slots * VARIANTS,
         "combinations": (VARIANTS + 1) ** slots,
@@ -50,7 +54,8 @@ def measure(slots: int) -> dict:
         "LOD vertices": sum(sum(group.vertices) for group in trajectory.groups),
         "plan ms": round(1000 * planning, 1),
         "build s": round(_seconds(bpy.ops.crowd_lod.build), 1),
-        "memory MB": round(memory),
+        "Cycles MB": round(cycles),
+        "EEVEE MB": round(eevee),
     }
 
 

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.crowd_lod.shot.shot_cost import work_in
 from crowd_lod_extension.operators.blender import scene_data
 from crowd_lod_extension.operators.characters.characters import all_characters
 from crowd_lod_extension.operators.characters.group_measuring import measure_groups
@@ -147,6 +148,7 @@ def test_slots_that_cannot_be_used_are_named(dressed, said):
         all_characters(dressed)
 
 
+@pytest.mark.once
 def test_plan_build_and_bake_show_each_part_where_its_wearer_is(dressed, tmp_path):
     scene = dressed
     scene.crowd_lod.level_count = 1
@@ -160,6 +162,7 @@ def test_plan_build_and_bake_show_each_part_where_its_wearer_is(dressed, tmp_pat
     rigs = [item for item in scene.crowd_lod.build.all_objects if item.type == "ARMATURE"]
     # of adults, of what their bones carry, of children
     assert len({item.data for item in rigs}) == 3
+    assert len(rigs) == work_in(plan.shot, plan.plan.bill.agents_shown).rigs
     scene.frame_set(50)
     frame = frame_of(scene, bpy.context.evaluated_depsgraph_get())
     crowd = frame.crowd
