@@ -79,4 +79,4 @@ def hidden_wholly(frame: Frame) -> int:
     for unseen in (frame.shadow, frame.mirrored):
         if unseen is not None:
             hidden[unseen.order] = False
-    return int(hidden.sum())
+    return int(hidden[: len(frame.trajectory.bare.start)].sum())

@@ -87,32 +87,8 @@ def parts_of(
 
     CrowdError if a slot or a part cannot be used.
     """
-    never_none = {}
-    parts = []
-    for slot, home in slots.items():
-        worn = list(_parts_in(owner, slot, home, shapes))
-        parts += worn
-        never_none[slot] = sum(part.chance for part in worn) > 1 - 1e-6
-    for part in parts:
-        for other in part.excludes:
-            if other not in slots or other == part.slot:
-                raise CrowdError(
-                    f"The part {part.name} excludes the slot {other}: of {owner.name} name one or "
-                    f"more of {', '.join(name for name in slots if name != part.slot) or 'none'}."
-                )
-    for slot in slots:
-        rivals = [
-            other
-            for other in slots
-            if never_none[other]
-            and all(slot in part.excludes for part in parts if part.slot == other)
-        ]
-        if rivals:
-            raise CrowdError(
-                f"Nobody can wear the slot {slot} of {owner.name}: all agents wear a part of the "
-                f"slot {rivals[0]}, and all of these exclude it. Give {slots[rivals[0]].name} a "
-                f'share without in its custom property "{NONE}".'
-            )
+    parts = [part for slot, home in slots.items() for part in _parts_in(owner, slot, home, shapes)]
+    _check_exclusions(owner, slots, parts)
     rigs = armatures_of(list(body))
     for part in parts:
         if rigs and not set(rigs) & set(_rigs_of(part.objects)):
@@ -121,6 +97,29 @@ def parts_of(
                 f"parent it to that rig, or give it an Armature modifier."
             )
     yield from parts
+
+
+def _check_exclusions(
+    owner: Owner, slots: dict[str, bpy.types.Collection], parts: Sequence[Part]
+) -> None:
+    """Raise CrowdError if a part excludes a slot that is not there, or a slot is never worn."""
+    for part in parts:
+        for other in part.excludes:
+            if other not in slots or other == part.slot:
+                raise CrowdError(
+                    f"The part {part.name} excludes the slot {other}: of {owner.name} name one or "
+                    f"more of {', '.join(name for name in slots if name != part.slot) or 'none'}."
+                )
+    for rival, home in slots.items():
+        worn = [part for part in parts if part.slot == rival]
+        if sum(part.chance for part in worn) > 1 - 1e-6:  # by all agents
+            excluded = set.intersection(*(set(part.excludes) for part in worn))
+            if excluded:
+                raise CrowdError(
+                    f"Nobody can wear the slot {min(excluded)} of {owner.name}: all agents wear a "
+                    f"part of the slot {rival}, and all of these exclude it. Give {home.name} a "
+                    f'share without in its custom property "{NONE}".'
+                )
 
 
 def _rigs_of(objects: Sequence[bpy.types.Object]) -> list[bpy.types.Object]:

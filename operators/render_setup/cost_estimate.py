@@ -285,7 +285,8 @@ def _look_at(
                 agents_shown[name].append(_shown(frame, library, trajectory, choice.policy.count))
             rays.append(samples * covered(frame, scene))
             gone += hidden_wholly(frame)
-            in_picture += hidden_wholly(frame) + len(frame.buckets.order)
+            visible = len(frame.without_worn(frame.buckets).order)
+            in_picture += hidden_wholly(frame) + visible
             yield (number_done + 1) / len(numbers)
     counts = {name: np.array(rows) for name, rows in agents_shown.items()}
     share_hidden = gone / max(in_picture, 1) if settings.occlusion else None

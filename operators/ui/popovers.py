@@ -52,7 +52,13 @@ class CROWDLOD_PT_statistics(_Popover, bpy.types.Panel):
             ),
         ]
         if frame.hidden is not None:
-            rows.append(("Hidden by Scenery", f"{frame.hidden.sum():,}", "HOME"))
+            rows.append(
+                (
+                    "Hidden by Scenery",
+                    f"{frame.hidden[: len(frame.trajectory.bare.start)].sum():,}",
+                    "HOME",
+                )
+            )
         by_lod = context.scene.crowd_lod.overlay_color == "LOD"
         for level, count in enumerate(people.counts):
             name, icon = LOD_COLORS[level]
