@@ -6,6 +6,8 @@ from functools import cached_property
 
 import numpy as np
 
+from ..progress import breath
+
 TOGETHER = 8192  # agents of a block: their rows stay in the processor's cache
 
 
@@ -37,7 +39,7 @@ class Block:
 class Cells:
     """The N cells of n agents: blocks of agents that come and go together.
 
-    first, last: (n,) intp, the first frame of each agent, and the one after its last; the same for
+    first, last: (n,), whole numbers: the first frame of each agent, and the one after its last; the same for
         agents without cells.
     together: agents of a block at most.
     """
@@ -119,6 +121,10 @@ class Cells:
         return taken
 
     def tables(self, *values: np.ndarray) -> Iterator[tuple]:
-        """Yield (a block, its table of each of `values` (N,)), block after block."""
+        """Yield (a block, its table of each of `values` (N,)), block after block.
+
+        It is a place where work that nobody waits for ends.
+        """
         for block in self.blocks:
+            breath()
             yield (block, *(block.table(column) for column in values))

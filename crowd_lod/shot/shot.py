@@ -14,7 +14,7 @@ import numpy as np
 from ..levels.cost_model import Work, price
 from ..progress import share
 from .cells import Block
-from .shot_cost import NOTICED, Bill, Shot, work_in
+from .shot_cost import NOTICED, UNSEEN, Bill, Shot, work_in
 
 # agents from which the weight of switches is found, or a hundredth of many; where they share meshes
 SAMPLE = 2000
@@ -53,24 +53,27 @@ def program(
     """
     survey = shot.survey
     count = shot.meshes.count
-    allowed = np.minimum(block.table(shot.allowed), count)
-    key = allowed.astype(np.intp) * len(survey.owner) + block.table(survey.character)
-    apart = shot.meshes.bounds.T[:, survey.group[block.agents]].astype(np.float32)
-    joined = survey.joined(block)
-    scale = np.where(joined, block.table(survey.scale), np.float16(0)).astype(np.float32)
-    numbers = np.arange(count, dtype=np.uint8)[:, None]
+    allowed = block.table(shot.allowed)
+    character = block.table(survey.character)
+    scale = block.table(survey.scale)
     finest = None if survey.finest is None else block.table(survey.finest)
+    joined = survey.joined(block)
+    apart = shot.meshes.bounds.T[:, survey.group[block.agents]].astype(np.float32)
+    numbers = np.arange(count, dtype=np.uint8)[:, None]
 
     def steps() -> Iterator[Step]:
-        for f in range(len(key)):
-            cost = choices[min(block.begin + f, len(choices) - 1)].take(key[f], axis=1)
+        for f in range(len(allowed)):
+            column = np.minimum(allowed[f], count).astype(np.intp) * len(survey.owner)
+            of_frame = choices[min(block.begin + f, len(choices) - 1)]
+            cost = of_frame.take(column + character[f], axis=1)
             if finest is not None:
-                finer = (numbers < finest[f]) & (allowed[f] < count)
+                finer = (numbers < finest[f]) & (allowed[f] != UNSEEN)
                 np.copyto(cost, np.float32(np.inf), where=finer)
-            change = apart * (scale[f] * np.float32(weight))
+            pixels = np.where(joined[f], scale[f], np.float16(0)).astype(np.float32)
+            change = apart * (pixels * np.float32(weight))
             yield cost, change, joined[f] * np.float32(weight * NOTICED)
 
-    return cheapest_path(steps(), len(key))
+    return cheapest_path(steps(), len(allowed))
 
 
 # Of one frame: (K, m) float32 what each LOD costs; (K, m) float32 what a switch to it or from it
@@ -113,7 +116,8 @@ def _traced(via: np.ndarray, switches: np.ndarray, cost: np.ndarray) -> np.ndarr
     agents = np.arange(len(now))
     for f in range(len(via) - 1, -1, -1):
         levels[f] = now
-        np.copyto(now, via[f], where=switches[f][now, agents])
+        place = now.astype(np.intp) * len(now) + agents
+        np.copyto(now, via[f], where=switches[f].ravel()[place])
     return levels
 
 
@@ -211,16 +215,20 @@ class Limit:
     """What a plan may cost.
 
     thresholds: what the LODs cost that the policy gives frame by frame.
-    levels: (N,) uint8, the cheapest LODs that are known.
-    cheapest: what they cost, or `thresholds` where one LOD a character costs more.
+    cheapest: what one LOD a character costs, where that is less; else `thresholds`.
     avoid: what a plan may cost more than the cheapest, as a part of what the thresholds' LODs
         cost.
     """
 
     thresholds: Bill
-    levels: np.ndarray
     cheapest: Bill
     avoid: float
+
+    @property
+    def levels(self) -> np.ndarray:
+        """(N,) uint8, LODs that hold it."""
+        own = self.cheapest is not self.thresholds
+        return self.cheapest.levels if own else self.thresholds.shot.coarsest
 
     def holds(self, found: Bill) -> bool:
         """Return whether a plan may cost as much as `found`."""
@@ -234,9 +242,9 @@ def _limit(shot: Shot, avoid: float) -> Limit:
         levels = by_character(shot, mesh_seconds(shot, thresholds), 0.0)
         found = Bill(shot, levels)
         if found.above(thresholds) <= 0:
-            return Limit(thresholds, levels, found, avoid)
-    levels = shot.coarsest
-    return Limit(thresholds, levels, thresholds, max(avoid, Bill(shot, levels).above(thresholds)))
+            return Limit(thresholds, found, avoid)
+    least = Bill(shot, shot.allowed, shot.least_shown)
+    return Limit(thresholds, thresholds, max(avoid, least.above(thresholds)))
 
 
 def objective(found: Bill, weight: float) -> float:

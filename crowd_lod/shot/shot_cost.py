@@ -176,13 +176,14 @@ class Bill:
     """What LODs of a shot cost. Figures that nobody asks for are not computed.
 
     levels: (N,) uint8, the LODs.
-    agents_shown: (F, K, L), agents of each frame that show each LOD of each character.
+    agents_shown: (F, K, L), agents of each frame that show each LOD of each character; counted,
+        where they are not given.
     """
 
-    def __init__(self, shot: Shot, levels: np.ndarray) -> None:
+    def __init__(self, shot: Shot, levels: np.ndarray, shown: np.ndarray | None = None) -> None:
         self.shot = shot
         self.levels = levels
-        self.agents_shown = shown_by(shot, levels)
+        self.agents_shown = shown_by(shot, levels) if shown is None else shown
 
     @cached_property
     def price(self) -> Price:

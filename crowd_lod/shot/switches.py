@@ -36,7 +36,7 @@ def noticed(shot: Shot, levels: np.ndarray, radius: np.ndarray) -> np.ndarray:
     cells = survey.cells
     scale = survey.scale
     parts = [np.empty(0, ROW)]
-    for block in cells.blocks:
+    for (block,) in cells.tables():
         frame, agents, change = switched(shot, levels, block)
         now = cells.at(frame, agents)
         rows = _rows(frame, agents, scale[now])

@@ -98,7 +98,8 @@ def build_live(scene: bpy.types.Scene) -> Generator[float, None, str]:
     layer.update()
     frame = frame_of(scene, layer.depsgraph, shutter=())
     sentences = (
-        f"{int(frame.visible.sum()):,} of {frame.crowd.there:,} agents stand in the scene.",
+        f"{len(frame.without_worn(frame.buckets).order):,} of {frame.people:,} agents stand in the "
+        "scene.",
         frame.unplanned,
         notes_on_cast(scene, cast),
         notes_on_characters(scene),

@@ -193,8 +193,8 @@ def test_what_a_plan_may_cost_more_is_a_part_of_what_thresholds_cost():
     cheapest = Bill(shot, shot.survey.coarsest)
     dear = Bill(shot, np.zeros_like(shot.survey.coarsest))
     more = dear.above(cheapest)
-    assert not Limit(cheapest, shot.survey.coarsest, cheapest, 0.9 * more).holds(dear)
-    assert Limit(dear, shot.survey.coarsest, cheapest, 0.9 * more).holds(dear)
+    assert not Limit(cheapest, cheapest, 0.9 * more).holds(dear)
+    assert Limit(dear, cheapest, 0.9 * more).holds(dear)
 
 
 def test_plan_is_the_same_on_every_python():
