@@ -73,7 +73,7 @@ def curve_of(shot: Shot, plan: ShotPlan, tolerance: float | None) -> Generator[f
         )
 
     points = [
-        point("plan", Bill(sample, shot.survey.cells.taken(plan.levels, agents))),
+        point("plan", Bill(sample, shot.survey.cells.extract(plan.levels, agents))),
         point("thresholds", thresholds),
     ]
     if tolerance is not None:

@@ -181,10 +181,12 @@ class Bill:
         where they are not given.
     """
 
-    def __init__(self, shot: Shot, levels: np.ndarray, shown: np.ndarray | None = None) -> None:
+    def __init__(
+        self, shot: Shot, levels: np.ndarray, agents_shown: np.ndarray | None = None
+    ) -> None:
         self.shot = shot
         self.levels = levels
-        self.agents_shown = shown_by(shot, levels) if shown is None else shown
+        self.agents_shown = shown_by(shot, levels) if agents_shown is None else agents_shown
 
     @cached_property
     def price(self) -> Price:
