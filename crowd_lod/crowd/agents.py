@@ -25,6 +25,7 @@ IN_PLACE = 40_000
 Shares = int | Sequence[float] | Draw  # how agents are drawn from groups, see populate
 UNSET: Any = None  # a column that Crowd is to fill itself
 CLASSES = 16  # phases of their action that agents share, see animation/phase_classes.py
+FEWEST_CLASSES = 3  # of these, in a plan's smallest palette
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from math import inf
 
 import numpy as np
 
-from ..crowd.agents import Group
+from ..crowd.agents import CLASSES, FEWEST_CLASSES, Group
 from ..errors import CrowdError
 from .cost_model import Actors, price, stored_triangles, work_of
 from .selection import GroupShot, View
@@ -136,8 +136,10 @@ class BudgetSearch:
                 sizes = np.array([column[k] for k in candidates], np.float64)
                 np.add.at(loads[name], frame, seen.agents * sizes[level])
             if self.budget.memory < inf:
-                shown = np.zeros((len(self.frames), len(candidates), shot.characters), np.intp)
-                np.add.at(shown, (frame, level, seen.character), seen.agents.astype(np.intp))
+                few = -(-shot.characters * FEWEST_CLASSES // CLASSES)  # as plans leave
+                character = seen.character * FEWEST_CLASSES // CLASSES
+                shown = np.zeros((len(self.frames), len(candidates), few), np.intp)
+                np.add.at(shown, (frame, level, character), seen.agents.astype(np.intp))
                 memory += _memory([group.triangles[k] for k in candidates], shot, shown)
         return loads | ({"memory": memory} if self.budget.memory < inf else {})
 
@@ -228,7 +230,7 @@ def _memory(triangles: Sequence[int], shot: GroupShot, shown: np.ndarray) -> flo
     triangles: of each of K LODs.
     """
     table = np.array([triangles])
-    owner = np.zeros(shot.characters, np.intp)
+    owner = np.zeros(shown.shape[2], np.intp)
     actors = Actors(table, owner, shot.holdings, stored_triangles(table))
     return price(work_of(actors, shown, known=True), shot.costs).memory
 

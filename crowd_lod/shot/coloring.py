@@ -11,14 +11,13 @@ from typing import Any
 import numpy as np
 
 from ..animation.phase_classes import Gaits
-from ..crowd.agents import CLASSES, Group
+from ..crowd.agents import CLASSES, FEWEST_CLASSES, Group
 from ..progress import breath
 from .phases import NEAREST, Phases, palette
 from .survey import SEEN, Survey
 
 VARIETY = 0.05  # of close neighbors, at most, in step: about what CLASSES random classes leave
-FEWEST = 3  # classes of a palette
-WHOLE = 3  # times a palette of FEWEST is doubled: it then has all CLASSES
+WHOLE = 3  # times a palette of FEWEST_CLASSES is doubled: it then has all CLASSES
 MOST_ROUNDS = 40  # of recoloring; some ten suffice where agents meet few others
 LITTLE = 2e-4  # of the weight of all meetings: a round that gains no more is the last
 # A foot stands for more than half of a walk's cycle and swings forward in the rest: per cycle it
@@ -224,8 +223,8 @@ def plan_phases(
     wearer: (n,) intp, of Trajectory.wearer: what agents wear takes their phases.
 
     Blocks that the same rigs move have one palette. Agents that would jump by more than JUMP when
-    they change what they play have finer ones. Agents that are ever near take FEWEST classes
-    of their palette where that leaves few enough in step: few classes then show fine LODs.
+    they change what they play have finer ones. Agents that are ever near take FEWEST_CLASSES of
+    their palette where that leaves few enough in step: few classes then show fine LODs.
     """
     assert survey.roles is not None
     agents = len(survey.group)
@@ -242,7 +241,7 @@ def plan_phases(
         np.zeros(agents, np.uint8),
     )
     limit = np.maximum(JUMP * (tolerance or 1.0), changes.pixels / CLASSES)
-    counts = np.where(family >= 0, FEWEST, CLASSES).astype(np.uint8)
+    counts = np.where(family >= 0, FEWEST_CLASSES, CLASSES).astype(np.uint8)
     if fixed is None:
         fixed = np.zeros(agents, bool)
     phases = replace(everything, finer=np.where(fixed, WHOLE, 0).astype(np.uint8))
@@ -281,7 +280,7 @@ def _nearest_agents(survey: Survey, finest: int) -> np.ndarray:
 def _moved_to_few(survey: Survey, phases: Phases, near: np.ndarray) -> Phases:
     """Return `phases` with other shifts of agents (n,) bool that are near.
 
-    They show the nearest of FEWEST classes of their palettes when they are first seen.
+    They show the nearest of FEWEST_CLASSES classes of their palettes when they are first seen.
     """
     assert survey.roles is not None
     shift = phases.shift.copy()
@@ -321,7 +320,7 @@ def color(
     """Return `phases` with other shifts, with which fewer of the meetings are in step.
 
     fixed: (n,) bool, agents that keep their shift; None for nobody.
-    near: (n,) bool, agents that take FEWEST classes of their palette; None for nobody.
+    near: (n,) bool, agents that take FEWEST_CLASSES classes of their palette; None for nobody.
 
     In each round those agents take another shift that gain more by it than all whom they meet. So
     each round lowers the weight of what is in step.
@@ -415,8 +414,8 @@ def _options(sides: _Sides, phases: Phases, is_near: np.ndarray) -> np.ndarray:
 
 
 def _few_of(size: int) -> np.ndarray:
-    """Return FEWEST classes of the palette of `size`, as even as they can be, or all of it."""
-    few = min(FEWEST, size)
+    """Return FEWEST_CLASSES classes of the palette of `size`, as even as they can be, or all of it."""
+    few = min(FEWEST_CLASSES, size)
     return palette(size)[np.arange(few) * int(size) // few]
 
 

@@ -21,7 +21,7 @@ from .labeled_properties import CONTEXT
 TICKS = (0.04, 0.1, 0.2, 0.4), (0.04, 0.1, 0.1, 0.2)
 # The time left is known where estimates of the whole differ by KNOWN at most. Else the least of
 # them may be WRONG times too long.
-KNOWN = 1.25
+KNOWN = 1.4
 WRONG = 1.5
 SHOWN_EVERY = 0.25  # seconds between two texts on the progress: each draws the sidebar
 # by the bl_idname of an operator at work: its progress, 0 to 1

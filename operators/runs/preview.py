@@ -345,10 +345,10 @@ class _Run:
 
 
 def _caption(frame: Frame) -> str:
-    visible = int(frame.visible.sum())
+    visible = len(frame.without_worn(frame.buckets).order)
     error = worst_error(frame)
     worst = "" if error is None else f", at most {number(error)} px off"
-    return f"{visible:,} of {frame.crowd.there:,} in sight, {frame.triangles:,} triangles{worst}"
+    return f"{visible:,} of {frame.people:,} in sight, {frame.triangles:,} triangles{worst}"
 
 
 def verdict_in(plan: dict[str, Any]) -> str:

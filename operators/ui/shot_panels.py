@@ -4,11 +4,10 @@ import bpy
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
-from ...crowd_lod.levels.cost_model import DEVELOPERS
 from ...crowd_lod.shot.budget_points import budget_sentence, fitting_point
 from ..blender.machine_costs import calibration_of
 from ..blender.operator import at_work
-from ..hand_over.lacks import lacks_of
+from ..hand_over.lacks import Lack, lacks_of
 from ..hand_over.sizes import sizes_of
 from ..overlay import viewport_overlay
 from ..render_setup import staleness
@@ -19,7 +18,7 @@ from ..settings import needs
 from ..settings.budgets import LIMITS, budget_of, possible_budgets
 from ..sources.hand_edits import EDITS
 from . import steps
-from .drawing import active_column, button, label, letters_of, limit, paragraph, table, wide
+from .drawing import active_column, button, cells, label, letters_of, limit, paragraph, wide
 from .settings_list import draw_list
 from .step_panel import Step
 
@@ -244,12 +243,14 @@ class CROWDLOD_PT_cost(Step, bpy.types.Panel):
 
     def body(self, context, layout, settings) -> None:
         button(layout, "crowd_lod.estimate", icon="MEMORY")
-        head, *rows = (
-            (line.split("\t") for line in settings.estimate.splitlines())
-            if settings.estimate
-            else (("Not estimated",),)
-        )
-        table(layout, head, rows)
+        column = layout.column(align=True)
+        for name, *figures in (line.split("\t") for line in settings.estimate.splitlines()):
+            row = column.split(factor=0.38)
+            # the engine's frames, and the choice that is baked, are in the report
+            label(row, "Baked" if name.endswith(", Baked") else name.partition(",")[0])
+            cells(row, figures)
+        if not settings.estimate:
+            label(column, "Not estimated")
         row = layout.row(align=True)
         button(row, "crowd_lod.calibrate", icon="PREVIEW_RANGE")
         label(layout, *_calibrated(context.scene))
@@ -259,8 +260,8 @@ def _calibrated(scene: bpy.types.Scene) -> tuple[str, str]:
     """Return (what the estimates of time rest on, its icon)."""
     calibration = calibration_of(scene)
     if calibration is None:
-        return f"Time by costs of {DEVELOPERS}", "INFO"
-    return f"Time by costs of this machine, {calibration.age}", "CHECKMARK"
+        return "Not calibrated here", "INFO"
+    return f"Calibrated: {calibration.age}", "CHECKMARK"
 
 
 class CROWDLOD_PT_view_layers(Step, bpy.types.Panel):
@@ -273,7 +274,10 @@ class CROWDLOD_PT_view_layers(Step, bpy.types.Panel):
 
     def body(self, context, layout, settings) -> None:
         for name, place in layers_of(context.scene).items():
-            layout.prop(place, "exclude", text=name, invert_checkbox=True, translate=False)
+            icon = "CHECKBOX_DEHLT" if place.exclude else "CHECKBOX_HLT"
+            row = layout.row()
+            row.use_property_split = False
+            row.prop(place, "exclude", text=name, icon=icon, invert_checkbox=True, translate=False)
         layout.operator("crowd_lod.add_aovs", icon="RENDERLAYERS")
 
 
@@ -304,6 +308,9 @@ class CROWDLOD_PT_hand_over(Step, bpy.types.Panel):
 
     def body(self, context, layout, settings) -> None:
         scene = context.scene
+        lacks = [] if at_work or needs.crowd(scene) or needs.camera(scene) else _lacks(scene)
+        for lack in lacks:
+            _draw_lack(layout, lack, letters_of(context))
         if not sizes_of(settings):
             button(layout, "crowd_lod.estimate", text="Estimate Sizes", icon="MEMORY")
         self.bake(context, layout.column(align=True))
@@ -314,16 +321,14 @@ class CROWDLOD_PT_hand_over(Step, bpy.types.Panel):
         button(column, "crowd_lod.export_usd", icon="EXPORT")
         if size := sizes_of(settings).get("crowd_lod.export_usd"):
             label(column, f"About {size.file}", "FILE")
-        _draw_lacks(column, scene, "crowd_lod.export_usd")
         layout.separator()
         column = layout.column(align=True)
-        column.prop(settings, "farm_chunk")
+        wide(column, settings, "farm_chunk")
         button(column, "crowd_lod.write_farm_job", icon="NETWORK_DRIVE")
         frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
         tasks = counted(-(-len(frames) // settings.farm_chunk), "task")
         size = sizes_of(settings).get("crowd_lod.bake")
         label(column, f"{tasks}{f', each opens {size.file}' if size else ''}", "FILE")
-        _draw_lacks(column, scene, "crowd_lod.write_farm_job")
 
     def bake(self, context, layout) -> None:
         """Draw the button of the bake, gray where it would make the same again."""
@@ -339,18 +344,19 @@ class CROWDLOD_PT_hand_over(Step, bpy.types.Panel):
             label(layout, _built(settings.build), "CHECKMARK" if not row.enabled else "INFO")
         elif settings.build is not None:
             label(layout, "The live build moves with Crowd LOD alone", "INFO")
-        _draw_lacks(layout, scene, "crowd_lod.bake")
 
 
-def _draw_lacks(layout, scene: bpy.types.Scene, operator: str) -> None:
-    """Draw what an output still needs, and beside it the step to press."""
-    if at_work or needs.crowd(scene) or needs.camera(scene):
-        return
-    for lack in lacks_of(scene, operator):
-        row = layout.row(align=True)
-        row.alert = True
-        label(row, lack.sentence, "ERROR")
-        row.operator(lack.operator, text="", icon="FORWARD")
+def _lacks(scene: bpy.types.Scene) -> list[Lack]:
+    """Return what the outputs still need; what several of them need counts once."""
+    outputs = "crowd_lod.bake", "crowd_lod.export_usd", "crowd_lod.write_farm_job"
+    return list(dict.fromkeys(lack for name in outputs for lack in lacks_of(scene, name)))
+
+
+def _draw_lack(layout, lack: Lack, letters: int) -> None:
+    """Draw what is missing or out of date, and beside it the step to press."""
+    row = layout.row(align=True)
+    paragraph(row, lack.sentence, "ERROR", letters - 3)
+    row.operator(lack.operator, text="", icon="FORWARD")
 
 
 CLASSES = (

@@ -181,6 +181,8 @@ def test_a_gate_hides_when_it_is_shut_and_not_while_the_shutter_sees_it_move(str
     street.frame_set(3)
     street.render.use_motion_blur = True
     assert "moves while the shutter is open: Gate" in reasons_of(street)
+    blurred = planned(street)
+    assert 0 < hidden_wholly(blurred) < blurred.hidden.sum()
     item = bpy.data.objects["House 0 0"]
     for number, hides in ((2, True), (3, False)):
         item.hide_render = hides

@@ -10,9 +10,12 @@ from crowd_lod_extension.operators.characters.characters import all_characters
 from crowd_lod_extension.operators.characters.group_measuring import measure_groups
 from crowd_lod_extension.operators.characters.stored_groups import store_groups
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.render_setup import bake, render_setup
+from crowd_lod_extension.operators.render_setup import bake
 from crowd_lod_extension.operators.scene.scene_crowd import frame_of, trajectory_of
+from crowd_lod_extension.operators.shot.shot_plan import PlanRequest, plan_shot, write_levels
 
+from ..support.scatter import scatter
+from .test_points_source import crowd_of
 from .test_props import ball
 from .test_rigs import instances, itself
 
@@ -81,6 +84,45 @@ def test_parts_are_agents_who_do_what_their_wearers_do(dressed):
     assert np.array_equal(again.x[again.group == cap], crowd.x[crowd.group == cap])
 
 
+def test_what_is_worn_follows_overrides_points_and_further_crowds(dressed):
+    scene = dressed
+    settings = scene.crowd_lod
+    settings.count = 200
+    trajectory = populated(scene)
+    names = [group.name for group in trajectory.groups]
+    first, second, third = np.unique(trajectory.wearer[200:])[:3].tolist()
+    values = ("HIDE", {}), ("GROUP", {"group_name": "child"}), ("NUDGE", {"move": (3, 0, 0)})
+    for agent, (kind, more) in zip((first, second, third), values, strict=True):
+        entry = settings.exceptions.add()
+        entry.kind = kind
+        entry.agents = str(agent)
+        for name, value in more.items():
+            setattr(entry, name, value)
+    edited = trajectory_of(scene)
+    crowd = edited.at(1)
+    before = trajectory.at(1)
+    rows = [edited.with_worn(np.array([agent])) for agent in (first, second, third)]
+    assert len(rows[0]) > 1 and not crowd.present[rows[0]].any()
+    assert len(rows[1]) == 1 and crowd.group[rows[1]] == [names.index("child")]
+    assert len(rows[2]) > 1 and np.allclose(crowd.x[rows[2]] - before.x[third], 3)
+    settings.exceptions.clear()
+    bpy.ops.crowd_lod.add_crowd()
+    settings.crowds[0].count = 50
+    several = populated(scene)
+    assert len(several.bare.start) == 250 and len(several.parts) == 2
+    settings.crowds[0].use_crowd = False
+    hidden = trajectory_of(scene).at(1).present
+    assert (hidden == (several.wearer < 200)).all()
+    settings.crowds.remove(0)
+    item = scatter(scene, attributes=[("id", "INT", np.arange(60) * 7)])
+    points = crowd_of(scene, item)
+    people = len(points.bare.start)
+    assert people == 60 and (points.ids[people:] == -1).all()
+    for name in ("x", "y", "heading"):
+        column = getattr(points.start, name)
+        assert (column == column[points.wearer]).all()
+
+
 WRONG = {
     "The slot hair of adult is empty": ("bob", "hide_render", True),
     "of the slot hair of adult are all 0": ("bob", "share", 0.0),
@@ -105,35 +147,37 @@ def test_slots_that_cannot_be_used_are_named(dressed, said):
         all_characters(dressed)
 
 
-def test_build_and_bake_show_each_part_where_its_wearer_is(dressed):
+def test_plan_build_and_bake_show_each_part_where_its_wearer_is(dressed, tmp_path):
     scene = dressed
     scene.crowd_lod.level_count = 1
     scene.crowd_lod.count = 60
     populated(scene)
     list(make_levels(scene))
-    list(render_setup.build(scene))
-    for is_baked in (False, True):
-        if is_baked:
-            finished(bake.bake(scene, [50]))
-        rigs = [item for item in scene.crowd_lod.build.all_objects if item.type == "ARMATURE"]
-        assert (
-            len({item.data for item in rigs}) == 3
-        )  # of adults, of what their bones carry, of children
-        scene.frame_set(50)
-        plan = frame_of(scene, bpy.context.evaluated_depsgraph_get())
-        crowd = plan.crowd
-        agents = plan.buckets.order
-        shown = [points for level, points in instances(scene) if level == 0]
-        assert len(shown) == len(agents)
-        gaits = plan.trajectory.gaits
-        for g in range(5):
-            agent = agents[crowd.group[agents] == g][0]
-            rate = gaits.rates[g, crowd.pace[agent]]
-            phase = (crowd.phase_class[agent] / gaits.classes + rate * 50 / 24) % 1.0
-            angle = crowd.heading[agent] + scene_data.rotation(scene.crowd_lod.forward)
-            c = np.cos(angle)
-            s = np.sin(angle)
-            points = itself(scene, g, phase) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
-            points += [crowd.x[agent], crowd.y[agent], crowd.z[agent]]
-            same = [other for other in shown if other.shape == points.shape]
-            assert min(abs(other - points).max() for other in same) < 2e-4
+    plan = finished(plan_shot(scene, PlanRequest([50], tmp_path)))
+    write_levels(tmp_path, plan)
+    scene.crowd_lod.shot_plan = str(tmp_path / "plan.npz")
+    finished(bake.bake(scene, [50]))
+    rigs = [item for item in scene.crowd_lod.build.all_objects if item.type == "ARMATURE"]
+    # of adults, of what their bones carry, of children
+    assert len({item.data for item in rigs}) == 3
+    scene.frame_set(50)
+    frame = frame_of(scene, bpy.context.evaluated_depsgraph_get())
+    crowd = frame.crowd
+    trajectory = frame.trajectory
+    assert frame.planned and frame.people == 60
+    assert len(set(plan.stored.phases.shift.tolist())) > 1
+    assert (crowd.phase_class == crowd.phase_class[trajectory.wearer]).all()
+    agents = frame.buckets.order
+    visible = [points for level, points in instances(scene) if level == 0]
+    assert len(visible) == len(agents) > len(frame.without_worn(frame.buckets).order)
+    for g in range(5):
+        agent = agents[crowd.group[agents] == g][0]
+        rate = trajectory.gaits.rates[g, crowd.pace[agent]]
+        phase = (crowd.phase_class[agent] / trajectory.gaits.classes + rate * 50 / 24) % 1.0
+        angle = crowd.heading[agent] + scene_data.rotation(scene.crowd_lod.forward)
+        c = np.cos(angle)
+        s = np.sin(angle)
+        points = itself(scene, g, phase) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+        points += [crowd.x[agent], crowd.y[agent], crowd.z[agent]]
+        same = [other for other in visible if other.shape == points.shape]
+        assert min(abs(other - points).max() for other in same) < 2e-4

@@ -184,7 +184,7 @@ def test_what_meets_nobody_has_the_fewest_classes(shot):
     trajectory, survey = shot
     alone = replace(survey, encounters=Encounters())
     plan = plan_phases(alone, strides_of(trajectory.groups, trajectory.gaits), 1.0)
-    assert (plan.phases.counts == coloring.FEWEST).all() and plan.in_step == 0
+    assert (plan.phases.counts == coloring.FEWEST_CLASSES).all() and plan.in_step == 0
 
 
 def test_groups_that_are_posed_keep_their_characters(shot):
@@ -209,7 +209,7 @@ def test_near_agents_take_few_classes_of_their_palettes():
     near = np.arange(30) < 15
     start = Phases(none, np.array([8], np.uint8), none)
     shift = coloring.color(meetings, start, near=near).shift
-    assert len(np.unique(shift[near])) <= coloring.FEWEST
+    assert len(np.unique(shift[near])) <= coloring.FEWEST_CLASSES
     assert set(shift[~near]) <= set(palette(8))
 
 
@@ -228,11 +228,11 @@ def test_near_agents_share_few_classes_where_variety_allows():
     counts = [
         [
             len(np.unique(again.character[agents[agent] & again.is_seen & (block == b)]))
-            for b in np.flatnonzero(plan.phases.counts > coloring.FEWEST)
+            for b in np.flatnonzero(plan.phases.counts > coloring.FEWEST_CLASSES)
         ]
         for agents in (near, ~near)
     ]
-    assert max(counts[0]) <= coloring.FEWEST < min(counts[1])
+    assert max(counts[0]) <= coloring.FEWEST_CLASSES < min(counts[1])
     assert plan.in_step <= coloring.VARIETY
 
 
