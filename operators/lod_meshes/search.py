@@ -23,7 +23,7 @@ from .source_mesh import Source
 
 LEFT = 0.1  # part of a search that is left after the first measurement of the whole, on average
 FITTED = 0.72  # part of a try of a length after which the whole is measured
-LEFT_OF_ROUND = 0.3  # part of the tries that is left after one, on average
+LEFT_OF_ROUND = 0.5  # part of the tries that is left after one, on average
 ROUNDS = 5  # tries of a length, at most, before the whole is measured
 MOST_MEASURED = 4  # times that the whole is measured, at most
 # Where no LOD fits, the last try aims at the estimated deviation divided by this.
@@ -320,7 +320,7 @@ class Search:
         Yields the progress.
         """
         for k in range(ROUNDS):
-            tried, estimated = (1 - LEFT_OF_ROUND ** (k + part) for part in (0.3, 0.7))
+            tried, estimated = (1 - LEFT_OF_ROUND ** (k + part) for part in (0.15, 0.6))
             near = length * self.nearness
             plans = [curve.next_tries(self.methods, near, about) for curve in self.curves]
             # each object by one method at a time
