@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...crowd_lod.crowd.agents import Group
-from ...crowd_lod.levels.lengths import NEAR_ENOUGH, read_curve
+from ...crowd_lod.levels.lengths import APART, NEAR_ENOUGH, read_curve
 
 # Of Group, a value a LOD
 COLUMNS = {
@@ -21,6 +21,9 @@ COLUMNS = {
 # too coarse would never be tried. The second is the middle.
 USUALLY_LOST = 4.0
 OFTEN_LOST = 12.0
+# Half the triangles usually take twice the length. Where they take four times the length or more,
+# nothing coarser is guessed to have fewer.
+STALLED = 0.5
 
 
 class Measurements:
@@ -61,10 +64,12 @@ class Measurements:
         ]
         return min(near, key=lambda goal: self.value(goal, "triangles"), default=length)
 
-    def _pairs(self, x: str, y: str) -> list[tuple[float, float]]:
-        """The two kinds' values of each candidate made here that deviates."""
-        deviating = [goal for goal in self.rows if goal >= 0 and self.value(goal, "bounds") > 0]
-        return [(self.value(goal, x), self.value(goal, y)) for goal in deviating]
+    def _deviating(self) -> list[float]:
+        """Return the lengths, rising, of the LODs made here that have fewer triangles than LOD 0."""
+        most = max((self.value(goal, "triangles") for goal in self.rows if goal >= 0), default=0)
+        return sorted(
+            goal for goal in self.rows if goal > 0 and self.value(goal, "triangles") < most
+        )
 
     def lost(self) -> list[float]:
         """Return triangles x bound / diagonal of each candidate that deviates.
@@ -72,17 +77,28 @@ class Measurements:
         It is about the same for all LODs of a character: half the triangles, twice the bound.
         """
         return [
-            triangles * bound / self.diagonal
-            for triangles, bound in self._pairs("triangles", "bounds")
+            self.value(goal, "triangles") * self.value(goal, "bounds") / self.diagonal
+            for goal in self._deviating()
         ]
 
     def guess_triangles(self, lengths: Sequence[float], usual: float) -> list[int]:
         """Return about how many triangles a LOD has that deviates by each of `lengths`.
 
-        usual: the value of `lost` where no candidate that deviates was measured.
+        What a search took for its length is the least for finer ones.
+        usual: the value of `lost` where no candidate was searched for.
         """
         most = int(self.value(0.0, "triangles"))
-        pairs = self._pairs("bounds", "triangles") or [(usual * self.diagonal / most, most)]
+        deviating = self._deviating()
+        # lengths for which there is no LOD; farther on the search itself has failed
+        whole = [goal for goal in self.rows if 0 < goal < min(deviating, default=np.inf)]
+        pairs = [(goal, self.value(goal, "triangles")) for goal in [*whole, *deviating]]
+        pairs = pairs or [(usual * self.diagonal / most, most)]
+        for goal in deviating:
+            pairs.append((min(goal, self.value(goal, "bounds")), self.value(goal, "triangles")))
+        for finer in [goal for goal in deviating if APART * goal <= deviating[-1]][-1:]:
+            least = self.value(deviating[-1], "triangles")
+            if least > self.value(finer, "triangles") * (finer / deviating[-1]) ** STALLED:
+                pairs.append((max(*lengths, deviating[-1]), least))
         return read_curve(lengths, pairs, -1.0).round().astype(int).clip(1, most).tolist()
 
     def complete(
@@ -111,7 +127,11 @@ class Measurements:
             "triangles": self.guess_triangles(lengths, min(usual, default=USUALLY_LOST)),
         }
         if "shaded" in self.kinds:
-            pairs = [pair for pair in self._pairs("bounds", "shaded") if 0 < pair[1] < np.inf]
+            shaded = [
+                (self.value(goal, "bounds"), self.value(goal, "shaded"))
+                for goal in self._deviating()
+            ]
+            pairs = [pair for pair in shaded if 0 < pair[1] < np.inf]
             guesses["shaded"] = [0.0] * len(lengths)
             if pairs:
                 guesses["shaded"] = read_curve(lengths, pairs, 1.0).tolist()
