@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...crowd_lod.crowd.agents import Group
-from ...crowd_lod.levels.lengths import APART, NEAR_ENOUGH, read_curve
+from ...crowd_lod.levels.lengths import NEAR_ENOUGH, read_curve
 
 # Of Group, a value a LOD
 COLUMNS = {
@@ -21,9 +21,6 @@ COLUMNS = {
 # too coarse would never be tried. The second is the middle.
 USUALLY_LOST = 4.0
 OFTEN_LOST = 12.0
-# Half the triangles usually take twice the length. Where they take four times the length or more,
-# nothing coarser is guessed to have fewer.
-STALLED = 0.5
 
 
 class Measurements:
@@ -65,40 +62,33 @@ class Measurements:
         return min(near, key=lambda goal: self.value(goal, "triangles"), default=length)
 
     def _deviating(self) -> list[float]:
-        """Return the lengths, rising, of the LODs made here that have fewer triangles than LOD 0."""
+        """Return the goals of the LODs made here that deviate, with fewer triangles than LOD 0."""
+        made_here = [goal for goal in self.rows if goal >= 0 and self.value(goal, "bounds") > 0]
         most = max((self.value(goal, "triangles") for goal in self.rows if goal >= 0), default=0)
-        return sorted(
-            goal for goal in self.rows if goal > 0 and self.value(goal, "triangles") < most
-        )
+        return [goal for goal in made_here if self.value(goal, "triangles") < most]
 
     def lost(self) -> list[float]:
-        """Return triangles x bound / diagonal of each candidate that deviates.
+        """Return triangles x bound / diagonal of each LOD that deviates.
 
         It is about the same for all LODs of a character: half the triangles, twice the bound.
         """
-        return [
-            self.value(goal, "triangles") * self.value(goal, "bounds") / self.diagonal
-            for goal in self._deviating()
-        ]
+        pairs = self._by_bound("triangles")
+        return [triangles * bound / self.diagonal for bound, triangles in pairs]
+
+    def _by_bound(self, kind: str) -> list[tuple[float, float]]:
+        """Return the bound, and the value of `kind`, of each LOD that deviates."""
+        return [(self.value(goal, "bounds"), self.value(goal, kind)) for goal in self._deviating()]
 
     def guess_triangles(self, lengths: Sequence[float], usual: float) -> list[int]:
         """Return about how many triangles a LOD has that deviates by each of `lengths`.
 
-        What a search took for its length is the least for finer ones.
         usual: the value of `lost` where no candidate was searched for.
         """
         most = int(self.value(0.0, "triangles"))
-        deviating = self._deviating()
-        # lengths for which there is no LOD; farther on the search itself has failed
-        whole = [goal for goal in self.rows if 0 < goal < min(deviating, default=np.inf)]
-        pairs = [(goal, self.value(goal, "triangles")) for goal in [*whole, *deviating]]
-        pairs = pairs or [(usual * self.diagonal / most, most)]
-        for goal in deviating:
-            pairs.append((min(goal, self.value(goal, "bounds")), self.value(goal, "triangles")))
-        for finer in [goal for goal in deviating if APART * goal <= deviating[-1]][-1:]:
-            least = self.value(deviating[-1], "triangles")
-            if least > self.value(finer, "triangles") * (finer / deviating[-1]) ** STALLED:
-                pairs.append((max(*lengths, deviating[-1]), least))
+        # lengths too small for any LOD; where finer ones have one, the search itself has failed
+        shortest = min(self._deviating(), default=np.inf)
+        whole = [(goal, most) for goal in self.rows if 0 < goal < shortest]
+        pairs = whole + self._by_bound("triangles") or [(usual * self.diagonal / most, most)]
         return read_curve(lengths, pairs, -1.0).round().astype(int).clip(1, most).tolist()
 
     def complete(
@@ -127,11 +117,7 @@ class Measurements:
             "triangles": self.guess_triangles(lengths, min(usual, default=USUALLY_LOST)),
         }
         if "shaded" in self.kinds:
-            shaded = [
-                (self.value(goal, "bounds"), self.value(goal, "shaded"))
-                for goal in self._deviating()
-            ]
-            pairs = [pair for pair in shaded if 0 < pair[1] < np.inf]
+            pairs = [pair for pair in self._by_bound("shaded") if 0 < pair[1] < np.inf]
             guesses["shaded"] = [0.0] * len(lengths)
             if pairs:
                 guesses["shaded"] = read_curve(lengths, pairs, 1.0).tolist()
