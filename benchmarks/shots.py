@@ -35,10 +35,12 @@ from crowd_lod_extension.crowd_lod.levels.assignment import (
 from crowd_lod_extension.crowd_lod.levels.cost_model import default_costs
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.reporting import files, tables
-from crowd_lod_extension.crowd_lod.shot.coloring import VARIETY, plan_phases, recast, strides_of
+from crowd_lod_extension.crowd_lod.shot.coloring import VARIETY, plan_phases, strides_of
+from crowd_lod_extension.crowd_lod.shot.phases import recast
+from crowd_lod_extension.crowd_lod.shot.recording import Recorder, begin_recording
 from crowd_lod_extension.crowd_lod.shot.shot import decide
 from crowd_lod_extension.crowd_lod.shot.shot_cost import Bill, Shot, meshes_of
-from crowd_lod_extension.crowd_lod.shot.survey import SEEN, Recorder, Survey, empty
+from crowd_lod_extension.crowd_lod.shot.survey import SEEN, Survey
 from crowd_lod_extension.sample_scenes import plaza, plaza_map
 from worth import LIMIT, PICTURE, job
 
@@ -148,28 +150,29 @@ def surveyed(
 ) -> tuple[Survey, list[Camera]]:
     """Run through the shot: (its survey, its cameras)."""
     library = Library(np.zeros(len(GROUPS), np.intp))
-    survey = empty(
+    recording = begin_recording(
         range(1, frames + 1),
         range(1, frames + 1),
         trajectory.start.group,
         library.first(trajectory.gaits),
+        library,
         library.roles(trajectory.gaits),
     )
     films = [camera(f / max(frames - 1, 1)) for f in range(frames)]
     before = None
-    with Recorder() as recorder:
+    with Recorder(recording) as recorder:
         for f, film in enumerate(films):
             frame = plan(trajectory, film, POLICY, f + 1)
-            recorder.add(survey, f, frame, library, before, RAYS)
+            recorder.add(frame, before, RAYS)
             before = frame
         recorder.finish()
-    return survey, films
+    return recording.survey(), films
 
 
 def held_levels(
     survey: Survey, films: Sequence[Camera], width: float, keeps: bool = False
 ) -> np.ndarray:
-    """LODs (F, n) by thresholds, held by causal hysteresis while an agent is in sight.
+    """LODs (N,) by thresholds, held by causal hysteresis while an agent is in sight.
 
     width: of the hysteresis, as a part of the distance.
 
@@ -179,21 +182,20 @@ def held_levels(
     radius = np.array([group.radius for group in GROUPS])
     table = deviations(GROUPS, POLICY)
     levels = survey.coarsest.copy()
-    for f, film in enumerate(films):
-        begins = limits(POLICY, film, radius, table) * (1 + width if keeps else 1)
-        scale = survey.scale[f].astype(np.float64)
-        distance = film.pixels_per_unit / np.where(scale > 0, scale, np.inf) + radius[survey.group]
-        levels[f] = assign(distance, begins, survey.group)
-        if f:
-            with_hysteresis = hold(
-                levels[f - 1],
-                distance,
-                begins,
-                survey.group,
-                None,
-                width / (1 + width) if keeps else width,
-            )
-            levels[f] = np.where(survey.joined(f), with_hysteresis, levels[f])
+    for block, rows, scale in survey.cells.tables(levels, survey.scale):
+        group = survey.group[block.agents]
+        joined = survey.joined(block)
+        before = None
+        for f, film in enumerate(films[block.begin : block.end]):
+            begins = limits(POLICY, film, radius, table) * (1 + width if keeps else 1)
+            pixels = scale[f].astype(np.float64)
+            distance = film.pixels_per_unit / np.where(pixels > 0, pixels, np.inf) + radius[group]
+            rows[f] = assign(distance, begins, group)
+            if before is not None:
+                held_width = width / (1 + width) if keeps else width
+                with_hysteresis = hold(before, distance, begins, group, None, held_width)
+                rows[f] = np.where(joined[f], with_hysteresis, rows[f])
+            before = rows[f]
     return levels
 
 
@@ -273,7 +275,7 @@ def growth(sizes: Sequence[tuple[int, int]]) -> list[dict]:
                 "survey_s": round(run_through - started, 2),
                 "decide_s": round(ended - run_through, 2),
                 "ns_per_agent_frame": round(1e9 * (ended - started) / agents / frames, 1),
-                "seen": round(float((survey.kind == SEEN).mean()), 3),
+                "seen": round(float(survey.count(SEEN).mean() / agents), 3),
                 "peak_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
                 "switches": int(shot_plan.bill.switches.sum()),
                 "of_thresholds": round(

@@ -25,6 +25,7 @@ IN_PLACE = 40_000
 Shares = int | Sequence[float] | Draw  # how agents are drawn from groups, see populate
 UNSET: Any = None  # a column that Crowd is to fill itself
 CLASSES = 16  # phases of their action that agents share, see animation/phase_classes.py
+FEWEST_CLASSES = 3  # of these, in a plan's smallest palette
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,10 @@ class Group:
     way: meters that its own action travels in a cycle, as Action.way.
     height: meters, of the character as it stands in most of its own action; 0 if not measured.
     variant_of: the group that this is with props, "" if it has none (see variants.py).
-    chance: that an agent of the group is this variant of it.
+    chance: that an agent of the group is this variant of it; of a part, that it is drawn in its
+        slot.
+    slot: of the wardrobe of `variant_of`, in which this is a part that agents wear; "" for none.
+    excludes: the slots that an agent who wears this part goes without.
 
     These are measured over the action, if the LOD meshes were measured:
     deviations: meters, for each LOD the largest distance found between its surface and the
@@ -102,6 +106,8 @@ class Group:
     scale: tuple[float, float] = (1.0, 1.0)
     variant_of: str = ""
     chance: float = 1.0
+    slot: str = ""
+    excludes: tuple[str, ...] = ()
     way: float = field(default=0.0, compare=False, repr=False)
     height: float = field(default=0.0, compare=False, repr=False)
 

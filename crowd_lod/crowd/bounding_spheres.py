@@ -42,6 +42,25 @@ def bounding_sphere(points: np.ndarray, reach: np.ndarray | float = 0.0) -> tupl
     return float(center), float((away + reach).max())
 
 
+def cover_wardrobes(groups: Sequence[Group]) -> tuple[Group, ...]:
+    """Return `groups`, those of a wardrobe with the smallest sphere that holds the whole family.
+
+    A family is a group with its variants and parts. So an agent is culled with all that it wears.
+    """
+    families: dict[str, list[Group]] = {}
+    for group in groups:
+        families.setdefault(group.variant_of or group.name, []).append(group)
+    return tuple(_cover_family(group, families[group.variant_of or group.name]) for group in groups)
+
+
+def _cover_family(group: Group, family: Sequence[Group]) -> Group:
+    if not any(member.slot for member in family):
+        return group
+    low = min(member.center - member.radius for member in family)
+    high = max(member.center + member.radius for member in family)
+    return replace(group, center=(low + high) / 2, radius=(high - low) / 2)
+
+
 def cover_sizes(group: Group) -> Group:
     """Return the measured `group` with figures that hold for its agents of all sizes.
 

@@ -6,6 +6,8 @@ step length, every order of frames, and every other crowd around it.
 The hash is SplitMix64 (Steele, Lea, Flood 2014), one stream per agent.
 """
 
+import hashlib
+
 import numpy as np
 
 _GAMMA = np.uint64(0x9E3779B97F4A7C15)
@@ -40,9 +42,14 @@ def advance_keys(key: np.ndarray, events: np.ndarray) -> np.ndarray:
 def uniform(key: np.ndarray, stream: np.uint64) -> np.ndarray:
     """Return (n,) float64 in [0, 1), of 53 bits, one for each key (n,) uint64.
 
-    stream: which draw of the key: STATE, THEN, TIME, LOOKS, CHOSEN, SIZE or PROPS.
+    stream: which draw of the key: STATE, THEN, TIME, LOOKS, CHOSEN, SIZE, PROPS, or a `named` one.
     """
     return (_mixed(key ^ stream) >> np.uint64(11)) * 2.0**-53
+
+
+def named(name: str) -> np.uint64:
+    """Return the stream of draws that has this name."""
+    return np.uint64(int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "little"))
 
 
 def _mixed(z: np.ndarray) -> np.ndarray:

@@ -112,7 +112,7 @@ def _draw_triangles(
     corners = sheets.triangles
     slack = sheets.slack
     flat = corners[..., :2]
-    low, wide = _whole_cells(flat.min(axis=1), flat.max(axis=1), slack[:, None], grid)
+    low, wide = _whole_cells(flat.min(axis=1), flat.max(axis=1), slack, grid)
     first = plots.low[sheets.sheet]
     last = first + plots.wide[sheets.sheet]
     end = np.minimum(low + wide, last)
@@ -127,7 +127,7 @@ def _draw_triangles(
         across = sides[triangle, k, 0] * (y + 0.5 - flat[triangle, k, 1])
         across -= sides[triangle, k, 1] * (x + 0.5 - flat[triangle, k, 0])
         across *= sign
-        reach = np.abs(sides[:, k]).sum(axis=1) * (0.5 + slack)
+        reach = (np.abs(sides[:, k]) * (0.5 + slack[:, ::-1])).sum(axis=1)
         inside &= across >= 0
         touched &= across >= -reach[triangle]
     least = _least_nearness(corners, area, slack, triangle, x, y)
@@ -151,7 +151,8 @@ def _least_nearness(
     safe = np.where(is_wide, area, 1.0)
     along_x = (w1 * y2 - w2 * y1) / safe
     along_y = (w2 * x1 - w1 * x2) / safe
-    start = corners[:, 0, 2] - (np.abs(along_x) + np.abs(along_y)) * (0.5 + slack)
+    start = corners[:, 0, 2] - np.abs(along_x) * (0.5 + slack[:, 0])
+    start -= np.abs(along_y) * (0.5 + slack[:, 1])
     plane = start[triangle] + along_x[triangle] * (x + 0.5 - corners[triangle, 0, 0])
     plane += along_y[triangle] * (y + 0.5 - corners[triangle, 0, 1])
     of_corners = corners[:, :, 2].min(axis=1)[triangle]
@@ -162,7 +163,7 @@ def _border_cells(sheets: Sheets, grid: Grid, plots: _Plots) -> np.ndarray:
     """Return the cells that a border of their sheet touches."""
     ends = sheets.borders
     slack = sheets.border_slack
-    low, wide = _whole_cells(ends.min(axis=1), ends.max(axis=1), slack[:, None], grid)
+    low, wide = _whole_cells(ends.min(axis=1), ends.max(axis=1), slack, grid)
     first = plots.low[sheets.border_sheet]
     end = np.minimum(low + wide, first + plots.wide[sheets.border_sheet])
     low = np.maximum(low, first)
@@ -170,7 +171,7 @@ def _border_cells(sheets: Sheets, grid: Grid, plots: _Plots) -> np.ndarray:
     way = ends[:, 1] - ends[:, 0]
     across = way[border, 0] * (y + 0.5 - ends[border, 0, 1])
     across -= way[border, 1] * (x + 0.5 - ends[border, 0, 0])
-    reach = np.abs(way).sum(axis=1) * (0.5 + slack) + ROUNDING
+    reach = (np.abs(way) * (0.5 + slack[:, ::-1])).sum(axis=1) + ROUNDING
     touches = np.abs(across) <= reach[border]
     border = border[touches]
     return plots.numbers(sheets.border_sheet[border], x[touches], y[touches])

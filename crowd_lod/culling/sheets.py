@@ -9,6 +9,7 @@ orthographic camera minus meters.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -18,6 +19,8 @@ from .occluders import Occluders
 ACROSS = 160  # cells along the longer side of the picture
 LEAST_CELLS = 3.0  # cells along both axes below which a component is not drawn
 FLAT = 1e-12  # part of its size cubed, below which a triangle is edge-on
+SLICE = 2.0  # times as far reaches each slice of depth
+MOST_SLACK = 0.25  # cells, above which a triangle or a border is cut into slices
 ROUNDING = 1e-9  # of cells and of nearness, several thousand roundings of float64
 
 
@@ -74,10 +77,10 @@ class Sheets:
 
     triangles: (t, 3, 3), their corners in cells and nearness.
     sheet: (t,) intp, the sheet of each, numbered from 0.
-    slack: (t,) cells by which its corners may lie elsewhere.
+    slack: (t, 2) cells by which its corners may lie elsewhere, across and up.
     borders: (b, 2, 2), ends of the borders in cells.
     border_sheet: (b,) intp.
-    border_slack: (b,) cells.
+    border_slack: (b, 2) cells.
     """
 
     triangles: np.ndarray
@@ -114,11 +117,11 @@ def read_sheets(occluders: Occluders, cameras: Sequence[Camera], grid: Grid) -> 
         corners, of_corners, cuts, of_cuts = _cut_triangles(corners, of_corners, 3 * k + 2, cut)
         ends = np.concatenate([ends, cuts])
         ends, of_ends = _cut_segments(ends, np.concatenate([of_ends, of_cuts]), 3 * k + 2, cut)
+    triangles, slack, of_corners = _picture_parts(corners, of_corners, cameras, grid)
     numbers, of_corners = np.unique(of_corners, return_inverse=True)
     stays = np.isin(of_ends, numbers)
-    triangles, slack = _picture(corners, cameras, grid)
-    borders, border_slack = _picture(ends[stays], cameras, grid)
-    of_ends = np.searchsorted(numbers, of_ends[stays])
+    borders, border_slack, of_ends = _picture_parts(ends[stays], of_ends[stays], cameras, grid)
+    of_ends = np.searchsorted(numbers, of_ends)
     return Sheets(triangles, of_corners, slack, borders[..., :2], of_ends, border_slack)
 
 
@@ -158,15 +161,16 @@ def _facing(corners: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 def _cut_triangles(
-    corners: np.ndarray, sheet: np.ndarray, depth: int, cut: float
+    corners: np.ndarray, sheet: np.ndarray, depth: int, cut: float, beyond: bool = True
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return what of triangles lies beyond a depth: (corners, sheets, cuts, sheets of these).
 
     corners: (m, 3, c) columns of their corners.
     depth: the column that has it.
+    beyond: False for what lies before it.
     cuts: (k, 2, c), the borders at which they are cut.
     """
-    behind = corners[:, :, depth] < cut
+    behind = (corners[:, :, depth] < cut) == beyond
     count = behind.sum(axis=1)
     parts = [corners[count == 0]]
     sheets = [sheet[count == 0]]
@@ -194,10 +198,10 @@ def _cut_triangles(
 
 
 def _cut_segments(
-    ends: np.ndarray, sheet: np.ndarray, depth: int, cut: float
+    ends: np.ndarray, sheet: np.ndarray, depth: int, cut: float, beyond: bool = True
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return what of segments (m, 2, c) lies beyond a depth, and the sheets of these."""
-    behind = ends[:, :, depth] < cut
+    """Return what of segments (m, 2, c) lies beyond (or before) a depth, and their sheets."""
+    behind = (ends[:, :, depth] < cut) == beyond
     stays = ~behind.all(axis=1)
     ends = ends[stays]
     behind = behind[stays]
@@ -215,13 +219,107 @@ def _crossing(a: np.ndarray, b: np.ndarray, depth: int, cut: float) -> np.ndarra
     return crossing
 
 
+def _picture_parts(
+    parts: np.ndarray, sheet: np.ndarray, cameras: Sequence[Camera], grid: Grid
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return triangles or segments in the picture: (vertices, slack as _picture has it, sheets).
+
+    What reaches from the camera's feet to the horizon, such as ground, moves far near the camera
+    and hardly in the distance: it is cut into slices, each with its own slack. What stays beside
+    the picture is left out.
+
+    parts: (m, k, c) columns of their vertices, beyond the near clip.
+    """
+    vertices, slack = _picture(parts, cameras, grid)
+    wide = (slack.max(axis=1) > MOST_SLACK) & (cameras[0].kind != "ORTHO")
+    if not wide.any():
+        return vertices, slack, sheet
+    slices, of_slices = _slices(parts[wide], sheet[wide], cameras[0])
+    shown = ~_are_beside(slices, cameras)
+    of_slices = of_slices[shown]
+    sliced_vertices, sliced_slack = _picture(slices[shown], cameras, grid)
+    return (
+        np.concatenate([vertices[~wide], sliced_vertices]),
+        np.concatenate([slack[~wide], sliced_slack]),
+        np.concatenate([sheet[~wide], of_slices]),
+    )
+
+
+def _slices(parts: np.ndarray, sheet: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """Return triangles or segments (m, k, c) cut into slices, and their sheets.
+
+    They are cut along the sides of a window twice as wide and high, and then by depth: each slice
+    reaches SLICE times as far as the one before.
+    """
+    low, high = _window_ends(camera, 0.5)
+    for axis, slope in product((0, 1), (low, high)):
+        beside = parts[..., axis] - slope[axis] * parts[..., 2]
+        parts = np.concatenate([parts, beside[..., None]], axis=2)
+        inside, outside, of_inside, of_outside = _halves(parts, sheet, -1, 0.0)
+        parts = np.concatenate([inside, outside])[..., :-1]
+        sheet = np.concatenate([of_inside, of_outside])
+    slices = []
+    sheets = []
+    depth = nearest_cut(camera) * SLICE
+    while len(parts) and depth < parts[:, :, 2].max():
+        before, parts, of_before, sheet = _halves(parts, sheet, 2, depth)
+        slices.append(before)
+        sheets.append(of_before)
+        depth *= SLICE
+    return np.concatenate([*slices, parts]), np.concatenate([*sheets, sheet])
+
+
+def _halves(
+    parts: np.ndarray, sheet: np.ndarray, column: int, cut: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return what of triangles or segments lies before and beyond `cut` in a column.
+
+    Of each half the vertices, then of each the sheets.
+    """
+    halves = []
+    sheets = []
+    for beyond in (False, True):
+        if parts.shape[1] == 2:
+            half, of_half = _cut_segments(parts, sheet, column, cut, beyond)
+        else:
+            half, of_half, _, _ = _cut_triangles(parts, sheet, column, cut, beyond)
+        halves.append(half)
+        sheets.append(of_half)
+    return halves[0], halves[1], sheets[0], sheets[1]
+
+
+def _window_ends(camera: Camera, times: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return (low, high), (2,) each, of the window with `times` its size more on each side."""
+    w = camera.visible_window
+    low = np.array([w.left, w.bottom])
+    high = np.array([w.right, w.top])
+    more = times * (high - low)
+    return low - more, high + more
+
+
+def _are_beside(parts: np.ndarray, cameras: Sequence[Camera]) -> np.ndarray:
+    """Return which of `parts` (m, k, c) lie on one side of the pictures of all cameras, (m,) bool.
+
+    The pictures are taken half as large again, for what happens between the cameras.
+    """
+    sides = np.ones((len(parts), 2, 2), bool)
+    for k, camera in enumerate(cameras):
+        low, high = _window_ends(camera, 0.25)
+        place = parts[..., 3 * k : 3 * k + 2]
+        depth = parts[..., 3 * k + 2, None]
+        sides[:, 0] &= (place < low * depth).all(axis=1)
+        sides[:, 1] &= (place > high * depth).all(axis=1)
+    beside: np.ndarray = sides.any(axis=(1, 2))
+    return beside
+
+
 def _picture(
     columns: np.ndarray, cameras: Sequence[Camera], grid: Grid
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return (x, y in cells and nearness (m, k, 3), slack (m,) in cells) of m times k vertices.
+    """Return (x, y in cells and nearness (m, k, 3), slack (m, 2) in cells) of m times k vertices.
 
-    Nearness is the least of all cameras. The slack holds how far cameras move a vertex, and by how
-    much renderers round its place.
+    Nearness is the least of all cameras. The slack, across and up, holds how far cameras move a
+    vertex, and by how much renderers round its place.
 
     columns: (m, k, c), coordinates of each camera; last the rounding in meters.
     """
@@ -241,10 +339,9 @@ def _picture(
         aside = np.abs(first[..., :2] + grid.low * grid.scale).max(axis=-1)
         rounding = grain * first[..., 2] * (scale + aside)
         least = least * (1 - np.minimum(grain * least, 1))
-    slack = (moved.max(axis=-1) + rounding).max(axis=-1, initial=0.0)
-    return np.concatenate([first[..., :2], least[..., None]], axis=-1), slack + ROUNDING * (
-        1 + np.abs(first[..., :2]).max(axis=(1, 2), initial=0.0)
-    )
+    slack = (moved + rounding[..., None]).max(axis=1, initial=0.0)
+    slack += ROUNDING * (1 + np.abs(first[..., :2]).max(axis=(1, 2), initial=0.0))[:, None]
+    return np.concatenate([first[..., :2], least[..., None]], axis=-1), slack
 
 
 def _in_cells(points: np.ndarray, camera: Camera, grid: Grid) -> np.ndarray:

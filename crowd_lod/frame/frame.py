@@ -92,6 +92,16 @@ class Frame(Request, Outcome):
         return seen
 
     @property
+    def people(self) -> int:
+        """How many agents are there, without what they wear."""
+        return self.crowd.of(slice(len(self.trajectory.bare.start))).there
+
+    def without_worn(self, buckets: Buckets) -> Buckets:
+        """Return `buckets` without what agents wear."""
+        wearer = self.trajectory.wearer
+        return buckets if wearer is None else buckets.among(wearer == np.arange(len(wearer)))
+
+    @property
     def culled(self) -> np.ndarray:
         """(n,) bool: who is there, and not visible."""
         present = self.crowd.present

@@ -6,9 +6,10 @@ from math import inf
 
 import numpy as np
 
-from ..crowd.agents import Group
+from ..crowd.agents import CLASSES, FEWEST_CLASSES, Group
 from ..errors import CrowdError
-from .selection import View
+from .cost_model import Actors, price, stored_triangles, work_of
+from .selection import GroupShot, View
 
 PRECISE = 1.01  # factor within which the least tolerance is found
 TIGHT = 4.0  # a budget below so many times the least that is guessed may be impossible
@@ -33,6 +34,7 @@ class Budget:
 # by the field of Budget that limits it: the name of the setting, and how its value reads
 LIMITED: dict[str, tuple[str, Callable[[float], str]]] = {
     "triangles": ("Triangles", lambda value: f"{value:,.0f}"),
+    "vertices": ("Vertices", lambda value: f"{value:,.0f}"),
     "memory": ("Memory", lambda value: f"{value / 1e6:,.1f} MB"),
     "finest": ("Agents at LOD 0", lambda value: f"{value:,.0f}"),
 }
@@ -45,19 +47,24 @@ class Sightings:
     frame: (m,) int64, numbers on the timeline.
     scale: (m,) float64, pixels that a meter shows at the agents' nearest part.
     agents: (m,) float64, how many they are.
+    character: (m,) intp, which of the group's characters they show.
+    lods: (m, 2) intp, the finest and the coarsest LOD that overrides allow them.
     """
 
     frame: np.ndarray
     scale: np.ndarray
     agents: np.ndarray
+    character: np.ndarray
+    lods: np.ndarray
 
     def levels(self, bounds: Sequence[float], tolerance: float) -> np.ndarray:
-        """Return the coarsest LODs (m,) that show at most `tolerance` pixels.
+        """Return the coarsest LODs (m,) that show at most `tolerance` pixels, or are overridden.
 
         bounds: meters, of each LOD, finest first.
         """
         rising = np.maximum.accumulate(np.asarray(bounds, np.float64)[1:])
-        return (self.scale[:, None] * rising <= tolerance).sum(axis=1)
+        coarsest = (self.scale[:, None] * rising <= tolerance).sum(axis=1)
+        return np.clip(coarsest, *self.lods.T).clip(max=len(rising))
 
 
 def sight(group: Group, views: Sequence[View]) -> Sightings:
@@ -70,17 +77,21 @@ def sight(group: Group, views: Sequence[View]) -> Sightings:
         scales.append(density if view.camera.kind == "ORTHO" else density / nearest)
     counts = [np.broadcast_to(view.agents, view.distance.shape) for view in known]
     frames = [np.full(len(view.distance), view.frame) for view in known]
+    lods = [np.broadcast_to(view.lods, (len(view.distance), 2)) for view in known]
     return Sightings(
         np.concatenate([*frames, np.empty(0, np.int64)]),
         np.concatenate([*scales, np.empty(0)]),
         np.concatenate([*counts, np.empty(0)]),
+        np.concatenate([*(view.character for view in known), np.empty(0, np.intp)]),
+        np.concatenate([*lods, np.empty((0, 2), np.intp)]),
     )
 
 
 class BudgetSearch:
     """The search for candidates with which the groups hold a budget.
 
-    groups: with values of all their candidates. views: of each group, where its agents are.
+    groups: with values of all their candidates.
+    shots: of each group, where its agents are, and what it holds.
     measured: of each group, the candidates whose values are no guesses.
     given: of each group, the candidates that artists made.
     """
@@ -88,7 +99,7 @@ class BudgetSearch:
     def __init__(
         self,
         groups: Sequence[Group],
-        views: Sequence[Sequence[View]],
+        shots: Sequence[GroupShot],
         budget: Budget,
         measured: Sequence[Collection[int]],
         given: Sequence[Collection[int]],
@@ -97,24 +108,40 @@ class BudgetSearch:
         self.budget = budget
         self.measured = measured
         self.given = given
-        self.sightings = [sight(*pair) for pair in zip(groups, views, strict=True)]
+        self.shots = shots
+        pairs = zip(groups, shots, strict=True)
+        self.sightings = [sight(group, shot.views) for group, shot in pairs]
         self.frames = np.unique(np.concatenate([seen.frame for seen in self.sightings]))
         self.every = [_useful(*pair) for pair in zip(groups, given, strict=True)]
 
     def loads(self, keep: Sequence[Sequence[int]], tolerance: float) -> dict[str, np.ndarray]:
         """Return what the frames take at the least: by a field of Budget, (F,) float64.
 
+        Memory has one value, for all frames, and none without a limit.
+
         keep: of each group, the candidates that there are.
         """
-        triangles = np.zeros(len(self.frames))
-        finest = np.zeros(len(self.frames))
-        for group, seen, candidates in zip(self.groups, self.sightings, keep, strict=True):
+        loads = {name: np.zeros(len(self.frames)) for name in ("triangles", "vertices", "finest")}
+        memory = np.zeros(1)
+        rows = zip(self.groups, self.shots, self.sightings, keep, strict=True)
+        for group, shot, seen, candidates in rows:
             level = seen.levels([group.bounds[k] for k in candidates], tolerance)
-            sizes = np.array([group.triangles[k] for k in candidates], np.float64)
             frame = np.searchsorted(self.frames, seen.frame)
-            np.add.at(triangles, frame, seen.agents * sizes[level])
-            np.add.at(finest, frame, seen.agents * (level == 0))
-        return {"triangles": triangles, "finest": finest}
+            columns = {
+                "triangles": group.triangles,
+                "vertices": group.vertices or group.triangles,
+                "finest": np.arange(len(group.triangles)) == 0,
+            }
+            for name, column in columns.items():
+                sizes = np.array([column[k] for k in candidates], np.float64)
+                np.add.at(loads[name], frame, seen.agents * sizes[level])
+            if self.budget.memory < inf:
+                few = -(-shot.characters * FEWEST_CLASSES // CLASSES)  # as plans leave
+                character = seen.character * FEWEST_CLASSES // CLASSES
+                shown = np.zeros((len(self.frames), len(candidates), few), np.intp)
+                np.add.at(shown, (frame, level, character), seen.agents.astype(np.intp))
+                memory += _memory([group.triangles[k] for k in candidates], shot, shown)
+        return loads | ({"memory": memory} if self.budget.memory < inf else {})
 
     def hold(self, keep: Sequence[Sequence[int]], tolerance: float) -> bool:
         """Return whether all frames hold the budget with these candidates, at this tolerance."""
@@ -122,14 +149,13 @@ class BudgetSearch:
 
     def exceeded(self, keep: Sequence[Sequence[int]], tolerance: float) -> dict[str, float]:
         """Return what the frame takes that takes most, by the field of Budget that it exceeds."""
-        most = {"triangles": self.budget.triangles, "finest": self.budget.finest}
         worst = {
             name: float(load.max(initial=0.0)) for name, load in self.loads(keep, tolerance).items()
         }
         return {
             name: load
             for name, load in worst.items()
-            if (limit := most[name]) is not None and load > limit
+            if (limit := getattr(self.budget, name)) is not None and load > limit
         }
 
     def fit(self, keep: list[list[int]], tolerance: float) -> tuple[list[list[int]], float]:
@@ -154,8 +180,9 @@ class BudgetSearch:
     def _is_tight(self) -> bool:
         """Return whether the coarsest candidates may be needed, or not even be enough."""
         loads = self.loads(self.every, inf)
-        triangles = float(loads["triangles"].max(initial=0.0))
-        return TIGHT * triangles > self.budget.triangles or bool(self.exceeded(self.every, inf))
+        sizes = {name: float(loads[name].max(initial=0.0)) for name in ("triangles", "vertices")}
+        is_near = any(TIGHT * size > getattr(self.budget, name) for name, size in sizes.items())
+        return is_near or bool(self.exceeded(self.every, inf))
 
     def _least_tolerance(self, low: float) -> float:
         """Return the least tolerance at which all candidates together hold the budget, pixels.
@@ -195,6 +222,17 @@ class BudgetSearch:
             if not choices:
                 return keep
             _, keep = min(choices)
+
+
+def _memory(triangles: Sequence[int], shot: GroupShot, shown: np.ndarray) -> float:
+    """Return the bytes of a group's characters in a bake that shows `shown` (F, K, N) agents.
+
+    triangles: of each of K LODs.
+    """
+    table = np.array([triangles])
+    owner = np.zeros(shown.shape[2], np.intp)
+    actors = Actors(table, owner, shot.holdings, stored_triangles(table))
+    return price(work_of(actors, shown, known=True), shot.costs).memory
 
 
 def _useful(group: Group, given: Collection[int]) -> list[int]:

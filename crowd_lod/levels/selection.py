@@ -10,7 +10,7 @@ from ..crowd.agents import Group
 from ..culling.camera import Camera
 from ..errors import CrowdError
 from ..format import number
-from .assignment import LevelPolicy, deviations, limits
+from .assignment import MOST_LEVELS, LevelPolicy, deviations, limits
 from .cost_model import NAMES, Actors, Costs, Holdings, Price, price, work_of
 
 LEAST_SAVED = 0.2  # of the triangles of the next finer LOD, else a LOD is not worth a mesh
@@ -31,6 +31,7 @@ class View:
         (animation/phase_classes.py, Library); empty if not known.
     agents: (m,) intp, how many agents stand there; or 1.
     frame: of the timeline.
+    lods: (m, 2) intp, the finest and the coarsest LOD that overrides allow; or (2,), of all.
     """
 
     camera: Camera
@@ -40,15 +41,23 @@ class View:
     character: np.ndarray = field(default_factory=lambda: np.empty(0, np.intp))
     agents: np.ndarray | int = 1
     frame: int = 0
+    lods: np.ndarray = field(default_factory=lambda: np.array([0, MOST_LEVELS]))
 
     def counted(self) -> "View":
         """Return the view with agents of a character together that stand within CLOSE of each
         other.
         """
         steps = np.floor(np.log(self.distance.clip(1e-9)) / np.log(CLOSE)).astype(np.intp)
-        cells = np.stack([steps, self.character])
-        (steps, character), agents = np.unique(cells, axis=1, return_counts=True)
-        return replace(self, distance=CLOSE ** (steps + 0.5), character=character, agents=agents)
+        lods = np.broadcast_to(self.lods, (len(steps), 2)).T
+        cells = np.stack([steps, self.character, *lods])
+        (steps, character, *bounds), agents = np.unique(cells, axis=1, return_counts=True)
+        return replace(
+            self,
+            distance=CLOSE ** (steps + 0.5),
+            character=character,
+            agents=agents,
+            lods=np.stack(bounds, axis=1),
+        )
 
 
 def choose(

@@ -17,20 +17,28 @@ PNG = b"\x89PNG\r\n\x1a\n"
 # a frame's first bytes; the last four of a file that can be sought in
 ZSTD = b"\x28\xb5\x2f\xfd"
 SEEK_TABLE = 0x8F92EAB1
+MOST_KNOWN = 10_000  # files
+_whole: set[tuple[int, int, int, int]] = set()  # device, inode, time and size of whole files
 CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}  # of a PNG's color types
 
 
 def check(path: Path) -> None:
     """Raise CrowdError if the file is missing, empty or cut short.
 
-    The end is checked of .png, .exr and .blend files. OSError if the file cannot be read.
+    The end is checked of .png, .exr and .blend files, which takes 8 ms for a picture of 960 x 540
+    pixels. So one that was whole, and was moved at most since, is not read again. OSError if the
+    file cannot be read.
     """
     if not path.exists():
         raise CrowdError(
             f"Blender did not write {printable(path.name)}: see its own message above."
         )
     look = LOOKS.get(path.suffix, len)
-    size = path.stat().st_size
+    about = path.stat()
+    stamp = about.st_dev, about.st_ino, about.st_mtime_ns, about.st_size
+    if stamp in _whole:
+        return
+    size = about.st_size
     try:
         with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
             whole = look(data)
@@ -43,6 +51,9 @@ def check(path: Path) -> None:
             f"there): free space on the "
             "disk, lift the limit on the size of files, or choose another folder."
         )
+    if len(_whole) >= MOST_KNOWN:
+        _whole.clear()
+    _whole.add(stamp)
 
 
 def _png(data: mmap.mmap) -> bool:

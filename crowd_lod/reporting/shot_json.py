@@ -11,7 +11,7 @@ from ..shot.budget_points import BudgetPoint
 from ..shot.curve import of_full_detail
 from ..shot.plan_file import StoredPlan
 from ..shot.shot_cost import Bill, Shot
-from ..shot.survey import CULLED, HIDDEN, MIRRORED, SHADOW
+from ..shot.survey import MIRRORED, SEEN, SHADOW
 from ..shot.unneeded import unneeded
 from .shot_report import ShotReport
 
@@ -32,12 +32,13 @@ def shot_facts(
     """
     plan = report.plan
     shot = report.shot
-    sentences = unneeded(shot, plan.bill.agents_shown, report.names)
+    reasons = [("shot", text) for text in unneeded(shot, plan.bill.agents_shown, report.names)]
+    reasons += [(item.stage, item.reason) for item in report.left_out]
     return {
         "preview": None,
         "left_out": [
-            {"stage": "shot", "reason": sentence, "ms_saved": None, "ms_spread": None}
-            for sentence in sentences
+            {"stage": stage, "reason": reason, "ms_saved": None, "ms_spread": None}
+            for stage, reason in reasons
         ],
         "frames": shot_rows(report),
         "made_for": dict(stored.made_for),
@@ -72,10 +73,12 @@ def shot_rows(report: ShotReport) -> list[dict[str, int | float]]:
     plan = report.plan
     meshes = report.shot.meshes
     full = [float(sizes[survey.group, 0].sum()) for sizes in (meshes.vertices, meshes.triangles)]
-    hides = bool((survey.kind == HIDDEN).any())
+    shadow = survey.count(SHADOW)
+    mirrored = survey.count(MIRRORED)
+    unseen = len(survey.group) - survey.count(SEEN) - shadow - mirrored
+    hides = bool(survey.hidden.any())
     rows = []
     for f, number in enumerate(survey.numbers.tolist()):
-        kinds = survey.kind[f]
         agents = len(survey.group)
         visible = int(plan.bill.counts[f].sum())
         rows.append(
@@ -85,8 +88,8 @@ def shot_rows(report: ShotReport) -> list[dict[str, int | float]]:
                 "visible": visible,
                 "culled": agents - visible,
                 **{f"lod{k}": int(n) for k, n in enumerate(plan.bill.counts[f])},
-                "shadow": int((kinds == SHADOW).sum()),
-                "mirrored": int((kinds == MIRRORED).sum()),
+                "shadow": int(shadow[f]),
+                "mirrored": int(mirrored[f]),
                 "vertices": int(plan.bill.vertices[f]),
                 "triangles": int(plan.bill.triangles[f]),
                 "full_vertices": int(full[0]),
@@ -95,8 +98,8 @@ def shot_rows(report: ShotReport) -> list[dict[str, int | float]]:
                 "switch_pixels": round(float(plan.bill.pixels[f]), 3),
                 "thresholds_switches": int(plan.thresholds.switches[f]),
                 "thresholds_triangles": int(plan.thresholds.triangles[f]),
-                "unseen": int(((kinds == CULLED) | (kinds == HIDDEN)).sum()),
-                **({"hidden": int((kinds == HIDDEN).sum())} if hides else {}),
+                "unseen": int(unseen[f]),
+                **({"hidden": int(survey.hidden[f])} if hides else {}),
             }
         )
     return rows

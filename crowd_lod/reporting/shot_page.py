@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from ..format import number
-from ..shot.survey import CULLED, HIDDEN
+from ..shot.survey import CULLED, SEEN
 from ..shot.switches import NOTHING, WORST, largest
 from ..shot.unneeded import unneeded
 from . import switch_figures
@@ -55,7 +55,10 @@ def shot_parts(report: ShotReport) -> list[str]:
         _worst(report),
         list_of(
             "What the shot does not need",
-            unneeded(report.shot, report.plan.bill.agents_shown, report.names),
+            [
+                *unneeded(report.shot, report.plan.bill.agents_shown, report.names),
+                *(item.reason for item in report.left_out),
+            ],
         ),
         "<h2>Tables</h2>",
         _switch_table(report),
@@ -108,8 +111,8 @@ def _frame_table(report: ShotReport) -> str:
     ]
     columns = [
         report.numbers,
-        survey.is_seen.sum(axis=1),
-        ((survey.kind == CULLED) | (survey.kind == HIDDEN)).sum(axis=1),
+        survey.count(SEEN),
+        survey.count(CULLED),
         *bill.counts.T,
     ]
     columns += [

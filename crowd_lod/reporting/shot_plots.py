@@ -8,7 +8,7 @@ import numpy as np
 from ..format import number
 from ..shot.curve import WIDTH as HELD
 from ..shot.curve import Curve
-from ..shot.survey import CULLED, HIDDEN, MIRRORED, SEEN, SHADOW
+from ..shot.survey import CULLED, MIRRORED, SEEN, SHADOW
 from ..shot.switches import NOTHING
 from . import svg_plots as svg
 from .shot_report import ShotReport
@@ -92,10 +92,9 @@ def plots_of(report: ShotReport) -> list[str]:
     at = svg.edges(report.numbers)
     lods = list(enumerate(report.colors[: meshes.count]))
     triangles = (bill.agents_shown * meshes.triangles.T[:, survey.owner]).sum(axis=2)
-    kinds = [
-        (survey.kind == kind).sum(axis=1) / max(len(survey.group), 1) * 100
-        for kind in (SEEN, SHADOW, MIRRORED, HIDDEN, CULLED)
-    ]
+    counts = [survey.count(kind) for kind in (SEEN, SHADOW, MIRRORED)]
+    counts += [survey.hidden, survey.count(CULLED) - survey.hidden]
+    kinds = [count / max(len(survey.group), 1) * 100 for count in counts]
     names = ("seen", "shadow only", "mirror image only", "hidden by scenery", "culled")
     shares = [
         svg.Series(*row)

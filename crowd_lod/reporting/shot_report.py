@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ..crowd.leave_outs import LeftOut
 from ..format import counted, number
 from ..levels.cost_model import NAMES
 from ..shot.budget import BudgetPlan
@@ -14,6 +15,7 @@ from ..shot.coloring import PhasePlan
 from ..shot.curve import Curve, of_full_detail
 from ..shot.shot import ShotPlan
 from ..shot.shot_cost import Shot
+from ..shot.survey import SEEN
 from ..shot.switches import NOTHING
 from ..shot.verdict import Verdict
 from .html_report import css_of
@@ -30,6 +32,7 @@ class ShotReport:
     phases: the shot's phase classes. classes: rows of them, see PhasePlan.rows.
     tints: (r, g, b) linear, of each LOD.
     milliseconds: of each stage of the survey, the mean of a frame; empty if it was not timed.
+    left_out: what the surroundings of the last frame do not need, and why.
     crops: of the largest changes, see switch_figures.figures; empty if none were drawn.
     """
 
@@ -44,6 +47,7 @@ class ShotReport:
     classes: Sequence[Mapping[str, Any]]
     tints: Sequence[Sequence[float]]
     milliseconds: Mapping[str, float]
+    left_out: Sequence[LeftOut] = ()
     crops: Sequence[tuple[np.ndarray, np.ndarray] | None] = ()
 
     @property
@@ -157,7 +161,7 @@ def warnings_of(report: ShotReport) -> list[str]:
         sentences.append(
             "The plan avoids no switch: raise Extra Cost for Fewer Pops, or the tolerance."
         )
-    empty = ~survey.is_seen.any(axis=1)
+    empty = survey.count(SEEN) == 0
     if empty.any():
         sentences.append(f"No character is seen in {_frames(survey.numbers[empty])}.")
     if (np.diff(survey.numbers) > 1).any():

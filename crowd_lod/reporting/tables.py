@@ -35,10 +35,11 @@ def row(number: int, frame: Frame, more: dict[str, float]) -> dict[str, int | fl
     number: of the frame.
     more: milliseconds of stages outside the core, by name.
     """
-    visible = int(frame.visible.sum())
-    counts = {f"lod{k}": int(n) for k, n in enumerate(frame.buckets.counts)}
+    people = frame.without_worn(frame.buckets)
+    visible = len(people.order)
+    counts = {f"lod{k}": int(n) for k, n in enumerate(people.counts)}
     unseen = {
-        name: len(b.order)
+        name: len(frame.without_worn(b).order)
         for name, b in (("shadow", frame.shadow), ("mirrored", frame.mirrored))
         if b is not None
     }
@@ -47,9 +48,9 @@ def row(number: int, frame: Frame, more: dict[str, float]) -> dict[str, int | fl
     stages = {f"{name}_ms": round(ms, 3) for name, ms in (frame.milliseconds | more).items()}
     return {
         "frame": number,
-        "agents": frame.crowd.there,
+        "agents": frame.people,
         "visible": visible,
-        "culled": frame.crowd.there - visible,
+        "culled": frame.people - visible,
         **counts,
         **unseen,
         "vertices": frame.vertices,

@@ -26,7 +26,7 @@ from .shot import (
     shared_table,
 )
 from .shot_cost import NOTICED, Bill, Shot, shown_by, work_in
-from .survey import SEEN, at_tolerance
+from .survey import at_tolerance
 
 PRECISE = 1.002  # factor within which the least tolerance is found
 SLACK = 0.005  # part above its lower bound at which a search ends
@@ -134,7 +134,7 @@ def decide_within(
 def _check(shot: Shot, limits: _Limits) -> None:
     """Raise CrowdError if even the coarsest LODs break a limit, whatever the tolerance."""
     wide = relaxed(shot, inf)
-    agents = shown_by(wide, wide.allowed)
+    agents = wide.least_shown
     everyone = (
         "with the coarsest LODs that are made and allowed: raise it in the panel Budget, or press "
         "Make LOD Meshes, which by tolerance makes LODs for the budget."
@@ -171,11 +171,12 @@ def _least_tolerance(shot: Shot, limits: _Limits) -> Generator[float, None, floa
 
     def fits(tolerance: float) -> bool:
         wide = relaxed(shot, tolerance)
-        return limits.hold(shot, shown_by(wide, wide.allowed))
+        return limits.hold(shot, wide.least_shown)
 
     if fits(0.0):
         return 0.0
-    scale = shot.survey.scale[shot.survey.is_seen].astype(np.float64)
+    # 0 of who is seen at another moment of the shutter alone
+    scale = shot.survey.scale[shot.survey.scale > 0].astype(np.float64)
     bounds = shot.meshes.bounds
     low = float(scale.min() * bounds[bounds > 0].min(initial=inf))
     high = float(scale.max() * bounds.max())
@@ -213,7 +214,7 @@ class _Search:
         return max(self.paid / self.bound - 1, 0.0) if self.bound > 0 else 0.0
 
     def best(self, plan: ShotPlan) -> Generator[float, None, tuple[np.ndarray, Bill]]:
-        """Yield the progress, return (levels (F, n), their bill).
+        """Yield the progress, return (levels (N,), their bill).
 
         plan: of the shot without limits.
         """
@@ -274,7 +275,7 @@ class _Search:
         return dual, best
 
     def keep(self, levels: np.ndarray) -> Bill:
-        """Keep the levels (F, n) if they are within the limits, and cost less than the best so far.
+        """Keep the levels (N,) if they are within the limits, and cost less than the best so far.
 
         Returns their bill.
         """
@@ -286,7 +287,7 @@ class _Search:
         return plan_bill
 
     def repaired(self, levels: np.ndarray, table: np.ndarray, over: np.ndarray) -> np.ndarray:
-        """Return the levels (F, n) with coarser ones in frames that are over a limit."""
+        """Return the levels (N,) with coarser ones in frames that are over a limit."""
         levels = levels.copy()
         for f in np.flatnonzero((over > 0).any(axis=1)).tolist():
             while self.coarsened(levels, table, f):
@@ -301,9 +302,12 @@ class _Search:
         """
         shot = self.shot
         limits = self.limits
-        agents = np.flatnonzero(shot.survey.kind[f] == SEEN)
-        character = shot.survey.character[f, agents]
-        now = levels[f, agents]
+        agents, cells = shot.survey.cells.in_frame(f)
+        seen = np.flatnonzero(shot.survey.is_seen[cells])
+        agents = agents[seen]
+        cells = cells[seen]
+        character = shot.survey.character[cells]
+        now = levels[cells]
         columns = np.arange(len(agents))
         unit_loads = limits.unit_loads[:, :, character]
         loads = unit_loads[:, now, columns]
@@ -316,10 +320,7 @@ class _Search:
         lost = cost - cost[now, columns]
         numbers = np.arange(len(cost))[:, None]
         free = (
-            (numbers > now)
-            & (numbers <= shot.allowed[f, agents])
-            & (eased > 0)
-            & (lost < BANNED / 2)
+            (numbers > now) & (numbers <= shot.allowed[cells]) & (eased > 0) & (lost < BANNED / 2)
         )
         rate = np.where(free, lost / np.where(free, eased, 1.0), inf)
         to = rate.argmin(axis=0)
@@ -329,7 +330,7 @@ class _Search:
             return False
         gained = relief[:, to, columns][:, order].cumsum(axis=1)
         taken = order[: 1 + int((gained < over[:, None]).any(axis=0).sum())]
-        levels[f, agents[taken]] = to[taken]
+        levels[cells[taken]] = to[taken]
         return True
 
     def changes(self, levels: np.ndarray, f: int, agents: np.ndarray) -> np.ndarray:
@@ -338,15 +339,16 @@ class _Search:
         """
         survey = self.shot.survey
         bounds = self.shot.meshes.bounds.T[:, survey.group[agents]]
-        columns = np.arange(len(agents))
         numbers = np.arange(len(bounds))[:, None]
         total = np.zeros(bounds.shape)
-        for other, at in ((f - 1, f), (f + 1, f + 1)):
-            if 0 <= other < len(levels):
-                beside = levels[other, agents]
-                pixels = (
-                    survey.scale[at, agents].astype(np.float64) * (bounds + bounds[beside, columns])
-                    + NOTICED
-                )
-                total += pixels * (survey.joined(at)[agents] & (numbers != beside))
+        for other, later in ((f - 1, f), (f + 1, f + 1)):
+            if not 0 <= other < len(survey.times) or survey.cuts[later]:
+                continue
+            (held,) = np.nonzero(survey.cells.holds(other, agents))
+            held = held[survey.is_seen[survey.cells.at(other, agents[held])]]
+            beside = levels[survey.cells.at(other, agents[held])]
+            scale = survey.scale[survey.cells.at(later, agents[held])].astype(np.float64)
+            theirs = bounds[:, held]
+            pixels = scale * (theirs + theirs[beside, np.arange(len(held))]) + NOTICED
+            total[:, held] += pixels * (numbers != beside)
         return self.weight * total

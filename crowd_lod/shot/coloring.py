@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from ..animation.phase_classes import Gaits
-from ..crowd.agents import CLASSES, Group
+from ..crowd.agents import CLASSES, FEWEST_CLASSES, Group
+from ..progress import breath
 from .phases import NEAREST, Phases, palette
-from .survey import CULLED, Survey
+from .survey import SEEN, Survey
 
 VARIETY = 0.05  # of close neighbors, at most, in step: about what CLASSES random classes leave
-FEWEST = 3  # classes of a palette
-WHOLE = 3  # times a palette of FEWEST is doubled: it then has all CLASSES
+WHOLE = 3  # times a palette of FEWEST_CLASSES is doubled: it then has all CLASSES
 MOST_ROUNDS = 40  # of recoloring; some ten suffice where agents meet few others
 LITTLE = 2e-4  # of the weight of all meetings: a round that gains no more is the last
 # A foot stands for more than half of a walk's cycle and swings forward in the rest: per cycle it
@@ -72,12 +72,11 @@ class Meetings:
 def meetings_of(survey: Survey) -> Meetings:
     """Return the meetings that `survey` has seen."""
     assert survey.roles is not None
-    frame = np.repeat(np.arange(len(survey.times)), [len(pairs) for pairs in survey.pairs])
-    pair = np.concatenate(survey.pairs)
-    character = survey.character[frame[:, None], pair]
+    pair = survey.encounters.pair
+    character = survey.encounters.characters
+    weight = survey.encounters.weight
     block = survey.roles.block[character].astype(np.uint16)
     classes = survey.roles.phase_class[character]
-    weight = np.concatenate(survey.nearness) * survey.scale[frame, pair[:, 0]].astype(np.float64)
     key = np.column_stack((pair, block, classes))
     order = np.lexsort(key.T)
     key = key[order]
@@ -107,6 +106,10 @@ class Changes:
     block: np.ndarray
     classes: np.ndarray
     pixels: np.ndarray
+
+    def of(self, mask: np.ndarray) -> "Changes":
+        """Return those of the mask `mask`, (m,) bool."""
+        return Changes(self.agent[mask], self.block[mask], self.classes[mask], self.pixels[mask])
 
     def jumps(self, phases: Phases) -> np.ndarray:
         """Return by how many pixels each change moves a foot, (m,) float64.
@@ -154,14 +157,23 @@ def changes_of(survey: Survey, strides: np.ndarray) -> Changes:
     of_block = survey.roles.block
     walks = np.append(strides, 0.0)
     parts = []
-    for f in range(1, len(survey.times)):
-        pair = survey.character[f - 1 : f + 1]
-        block = of_block[pair]
-        changed = survey.joined(f) & (pair[0] != pair[1]) & (walks[block] > 0).all(axis=0)
-        (agent,) = np.nonzero(changed)
-        scale = survey.scale[f, agent].astype(np.float64)
-        pixels = SWING * walks[block[1, agent]] * scale
-        parts.append((agent, block[:, agent].T, survey.roles.phase_class[pair[:, agent]].T, pixels))
+    for block, character, scale in survey.cells.tables(survey.character, survey.scale):
+        is_other = survey.joined(block)
+        is_other[1:] &= character[1:] != character[:-1]
+        f, column = np.nonzero(is_other)
+        pair = np.column_stack((character[f - 1, column], character[f, column]))
+        stride = walks[of_block[pair]]
+        (walking,) = np.nonzero((stride > 0).all(axis=1))
+        pair = pair[walking]
+        pixels = scale[f, column].astype(np.float64)[walking]
+        parts.append(
+            (
+                block.agents[column[walking]],
+                of_block[pair],
+                survey.roles.phase_class[pair],
+                SWING * stride[walking, 1] * pixels,
+            )
+        )
     if not parts:
         none = np.empty((0, 2), np.intp)
         return Changes(none[:, 0], none, none.astype(np.uint8), np.empty(0))
@@ -201,21 +213,27 @@ def plan_phases(
     tolerance: float | None,
     variety: float = VARIETY,
     fixed: np.ndarray | None = None,
+    wearer: np.ndarray | None = None,
 ) -> PhasePlan:
     """Return the fewest classes of each block with which few neighbors are in step.
 
     strides: of strides_of. tolerance: pixels; None counts as one.
     variety: the part of all close neighbors that may be in step.
     fixed: (n,) bool, agents that keep the phases of their source; None for nobody.
+    wearer: (n,) intp, of Trajectory.wearer: what agents wear takes their phases.
 
     Blocks that the same rigs move have one palette. Agents that would jump by more than JUMP when
-    they change what they play have finer ones. Agents that are ever near take FEWEST classes
-    of their palette where that leaves few enough in step: few classes then show fine LODs.
+    they change what they play have finer ones. Agents that are ever near take FEWEST_CLASSES of
+    their palette where that leaves few enough in step: few classes then show fine LODs.
     """
     assert survey.roles is not None
     agents = len(survey.group)
     meetings = meetings_of(survey)
     changes = changes_of(survey, strides)
+    if wearer is not None:
+        is_agent = wearer == np.arange(agents)
+        meetings = meetings.of(is_agent[meetings.pair].all(axis=1))
+        changes = changes.of(is_agent[changes.agent])
     family = survey.roles.family
     everything = Phases(
         np.zeros(agents, np.uint8),
@@ -223,7 +241,7 @@ def plan_phases(
         np.zeros(agents, np.uint8),
     )
     limit = np.maximum(JUMP * (tolerance or 1.0), changes.pixels / CLASSES)
-    counts = np.where(family >= 0, FEWEST, CLASSES).astype(np.uint8)
+    counts = np.where(family >= 0, FEWEST_CLASSES, CLASSES).astype(np.uint8)
     if fixed is None:
         fixed = np.zeros(agents, bool)
     phases = replace(everything, finer=np.where(fixed, WHOLE, 0).astype(np.uint8))
@@ -241,6 +259,8 @@ def plan_phases(
         if not _crowded(meetings, sharing, family, variety).any():
             phases = sharing
             break
+    if wearer is not None:
+        phases = replace(phases, shift=phases.shift[wearer], finer=phases.finer[wearer])
     return PhasePlan(
         phases,
         meetings.share_in_step(phases),
@@ -252,32 +272,33 @@ def plan_phases(
 def _nearest_agents(survey: Survey, finest: int) -> np.ndarray:
     """Return which agents need LOD `finest` or a finer one when they are seen, (n,) bool."""
     near = np.zeros(len(survey.group), bool)
-    for f, levels in enumerate(survey.coarsest):
-        near |= survey.is_seen[f] & (levels <= finest)
+    for block, levels, kind in survey.cells.tables(survey.coarsest, survey.kind):
+        near[block.agents] = ((kind == SEEN) & (levels <= finest)).any(axis=0)
     return near
 
 
 def _moved_to_few(survey: Survey, phases: Phases, near: np.ndarray) -> Phases:
     """Return `phases` with other shifts of agents (n,) bool that are near.
 
-    They show the nearest of FEWEST classes of their palettes when they are first seen.
+    They show the nearest of FEWEST_CLASSES classes of their palettes when they are first seen.
     """
     assert survey.roles is not None
-    (agents,) = np.nonzero(near)
-    character = survey.character[survey.is_seen[:, agents].argmax(axis=0), agents]
-    block = survey.roles.block[character]
-    (rigged,) = np.nonzero(block >= 0)
-    agents = agents[rigged]
-    classes = survey.roles.phase_class[character[rigged]].astype(np.intp)
-    count = phases.counts[block[rigged]]
     shift = phases.shift.copy()
-    for size in np.unique(count):
-        of_size = count == size
-        few = _few_of(size)
-        shown = (classes[of_size] + shift[agents[of_size]]) % CLASSES
-        ahead = (few[:, None] - shown) % CLASSES
-        nearest = np.minimum(ahead, CLASSES - ahead).argmin(axis=0)
-        shift[agents[of_size]] = (few[nearest] - classes[of_size]) % CLASSES
+    for cells, characters, kind in survey.cells.tables(survey.character, survey.kind):
+        (columns,) = np.nonzero(near[cells.agents])
+        character = characters[(kind[:, columns] == SEEN).argmax(axis=0), columns]
+        block = survey.roles.block[character]
+        (rigged,) = np.nonzero(block >= 0)
+        agents = cells.agents[columns[rigged]]
+        classes = survey.roles.phase_class[character[rigged]].astype(np.intp)
+        count = phases.counts[block[rigged]]
+        for size in np.unique(count):
+            of_size = count == size
+            few = _few_of(size)
+            shown = (classes[of_size] + shift[agents[of_size]]) % CLASSES
+            ahead = (few[:, None] - shown) % CLASSES
+            nearest = np.minimum(ahead, CLASSES - ahead).argmin(axis=0)
+            shift[agents[of_size]] = (few[nearest] - classes[of_size]) % CLASSES
     return replace(phases, shift=shift)
 
 
@@ -299,7 +320,7 @@ def color(
     """Return `phases` with other shifts, with which fewer of the meetings are in step.
 
     fixed: (n,) bool, agents that keep their shift; None for nobody.
-    near: (n,) bool, agents that take FEWEST classes of their palette; None for nobody.
+    near: (n,) bool, agents that take FEWEST_CLASSES classes of their palette; None for nobody.
 
     In each round those agents take another shift that gain more by it than all whom they meet. So
     each round lowers the weight of what is in step.
@@ -313,6 +334,7 @@ def color(
     shift = phases.shift[sides.agents]
     everyone = np.arange(len(shift))
     for _ in range(MOST_ROUNDS):
+        breath()
         classes = sides.classes_of(shift)
         in_step = classes == sides.other(classes)
         now = np.bincount(sides.place, sides.weight * in_step, len(shift))
@@ -392,8 +414,8 @@ def _options(sides: _Sides, phases: Phases, is_near: np.ndarray) -> np.ndarray:
 
 
 def _few_of(size: int) -> np.ndarray:
-    """Return FEWEST classes of the palette of `size`, as even as they can be, or all of it."""
-    few = min(FEWEST, size)
+    """Return FEWEST_CLASSES classes of the palette of `size`, as even as they can be, or all of it."""
+    few = min(FEWEST_CLASSES, size)
     return palette(size)[np.arange(few) * int(size) // few]
 
 
@@ -415,16 +437,3 @@ def _costs(
         option_class = NEAREST.ravel()[row + (classes + shift[place]) % CLASSES]
         cost[k] = np.bincount(place, weight * (option_class == theirs), len(is_asked))
     return cost
-
-
-def recast(survey: Survey, phases: Phases) -> Survey:
-    """Return `survey` with the characters that agents show by `phases`."""
-    assert survey.roles is not None
-    character = survey.character.copy()
-    for f, row in enumerate(character):
-        block = survey.roles.block[row]
-        (agents,) = np.nonzero((survey.kind[f] != CULLED) & (block >= 0))
-        own = survey.roles.phase_class[row[agents]]
-        change = phases.classes_of(agents, block[agents], own).astype(np.int32) - own
-        row[agents] = row[agents] + change
-    return replace(survey, character=character)

@@ -74,7 +74,7 @@ def curve_of(shot: Shot, plan: ShotPlan, tolerance: float | None) -> Generator[f
         )
 
     points = [
-        point("plan", plan.levels[:, agents]),
+        point("plan", shot.survey.cells.taken(plan.levels, agents)),
         point("thresholds", survey.coarsest),
     ]
     if tolerance is not None:
@@ -111,7 +111,7 @@ def of_full_detail(shot: Shot, plan_bill: Bill) -> tuple[float, float, float]:
 def hysteresis(
     survey: Survey, bounds: np.ndarray, tolerance: float, width: float = WIDTH
 ) -> np.ndarray:
-    """Return the LODs (F, n) uint8 that causal hysteresis gives.
+    """Return the LODs (N,) uint8 that causal hysteresis gives.
 
     An agent keeps its LOD until its distance has passed the one where a LOD begins by the part
     `width`. One that comes into sight has the LOD of its distance.
@@ -121,7 +121,9 @@ def hysteresis(
         at_tolerance(survey, bounds, tolerance / factor).coarsest
         for factor in (1, 1 + width, 1 - width)
     )
-    for f in range(1, len(levels)):
-        held = np.clip(levels[f - 1], finest[f], coarsest[f])
-        np.copyto(levels[f], held, where=survey.joined(f))
+    for block, rows, least, most in survey.cells.tables(levels, finest, coarsest):
+        joined = survey.joined(block)
+        for f in range(1, len(rows)):
+            held = np.clip(rows[f - 1], least[f], most[f])
+            np.copyto(rows[f], held, where=joined[f])
     return levels

@@ -14,7 +14,7 @@ import numpy as np
 from ..errors import CrowdError
 from ..frame.frame import Frame
 from ..frame.planned import EXCEPTED, HIDDEN, PINNED, with_row
-from .survey import CULLED, SEEN, Survey
+from .survey import SEEN, Survey
 
 KINDS = ("NEVER_COARSER", "ALWAYS", "HIDE")
 NEVER_COARSER, ALWAYS, HIDE = KINDS
@@ -176,6 +176,26 @@ def in_force(exemptions: Sequence[Exemption], number: int, count: int) -> np.nda
     return index_of
 
 
+def lod_limits(
+    exemptions: Sequence[Exemption], number: int, count: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return what exceptions allow `count` agents in the frame `number` of the timeline.
+
+    Returns (the finest LOD (count,) uint8, the coarsest (count,) uint8, who is hidden (count,)
+    bool).
+    """
+    exemption = in_force(exemptions, number, count)
+    # the last entry is for agents without one
+    finest = [each.level * (each.kind == ALWAYS) for each in exemptions]
+    coarsest = [NO_LIMIT if each.kind == HIDE else each.level for each in exemptions]
+    hidden = [each.kind == HIDE for each in exemptions]
+    return (
+        np.array([*finest, 0], np.uint8)[exemption],
+        np.array([*coarsest, NO_LIMIT], np.uint8)[exemption],
+        np.array([*hidden, False])[exemption],
+    )
+
+
 def excepted(survey: Survey, exemptions: Sequence[Exemption]) -> Survey:
     """Return the survey with the exceptions; its arrays are changed.
 
@@ -183,38 +203,26 @@ def excepted(survey: Survey, exemptions: Sequence[Exemption]) -> Survey:
     """
     if not exemptions:
         return survey
-    pins, hides = ([each.kind == kind for each in exemptions] for kind in (ALWAYS, HIDE))
-    levels = [each.level for each in exemptions]
-    # the last entry is for agents without one
-    least = np.array(
-        [level * pinned for level, pinned in zip(levels, pins, strict=True)] + [0], np.uint8
-    )
-    most = np.array(
-        [NO_LIMIT if hidden else level for level, hidden in zip(levels, hides, strict=True)]
-        + [NO_LIMIT],
-        np.uint8,
-    )
-    hiding = np.array([*hides, False])
-    finest = np.empty_like(survey.kind)
-    limit = np.empty_like(survey.kind)
+    finest = np.zeros_like(survey.kind)
+    limit = np.zeros_like(survey.kind)
     was_hidden = np.zeros(len(survey.group), bool)  # hidden in the frame before, and otherwise seen
     for f, number in enumerate(survey.numbers.tolist()):
-        exemption = in_force(exemptions, number, len(survey.group))
-        finest[f] = least[exemption]
-        limit[f] = most[exemption]
-        hidden = hiding[exemption]
-        shows = survey.kind[f] == SEEN
+        least, most, hidden = lod_limits(exemptions, number, len(survey.group))
+        agents, cells = survey.cells.in_frame(f)
+        finest[cells] = least[agents]
+        limit[cells] = most[agents]
+        shows = np.zeros(len(hidden), bool)
+        shows[agents] = survey.kind[cells] == SEEN
         appears = np.flatnonzero(was_hidden & shows & ~hidden & (not survey.cuts[f]))
         survey.entered[f] = np.union1d(survey.entered[f][~hidden[survey.entered[f]]], appears)
         gone = survey.left[f]
         survey.left[f] = gone[~(hidden | was_hidden)[gone]]
         was_hidden = shows & hidden
-        survey.kind[f, hidden] = CULLED
-        for column in (survey.coarsest, survey.scale, survey.character):
-            column[f, hidden] = 0
-        np.clip(
-            survey.coarsest[f], finest[f], limit[f], out=survey.coarsest[f], where=shows & ~hidden
-        )
+        hidden_cells = cells[hidden[agents]]
+        for column in (survey.kind, survey.coarsest, survey.scale, survey.character):
+            column[hidden_cells] = 0  # the kind CULLED is 0
+        seen = cells[(shows & ~hidden)[agents]]
+        survey.coarsest[seen] = np.clip(survey.coarsest[seen], finest[seen], limit[seen])
     return replace(survey, finest=finest, limit=limit)
 
 

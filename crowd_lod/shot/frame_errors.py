@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..frame.frame import Frame
-from .survey import scale_of
+from .recording import scale_of
 
 
 def errors_of(frame: Frame) -> np.ndarray | None:

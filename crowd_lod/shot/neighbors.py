@@ -1,5 +1,7 @@
 """Pairs of points that lie close to each other."""
 
+from typing import Literal
+
 import numpy as np
 
 
@@ -19,10 +21,17 @@ def close_pairs(
     cells = np.floor((place[:, :2] - place[:, :2].min(axis=0, initial=0.0)) / reach).astype(int) + 1
     columns, rows = cells.max(axis=0, initial=0) + 2
     cell = (kind.astype(int) * rows + cells[:, 1]) * columns + cells[:, 0]
-    order = np.argsort(cell, kind="stable")
+    narrow = cell.astype(np.min_scalar_type(cell.max(initial=0)))  # 16 bits are sorted by radix
+    order = np.argsort(narrow, kind="stable")
     cell = cell[order]
-    begins = np.arange(len(cell)) + 1, np.searchsorted(cell, cell + columns - 1, "left")
-    ends = (np.searchsorted(cell, cell + aside, "right") for aside in (1, columns + 1))
+    first = np.flatnonzero(np.diff(cell, prepend=-1))  # of each cell's points
+    count = np.diff(np.append(first, len(cell)))
+
+    def find(aside: int, side: Literal["left", "right"]) -> np.ndarray:
+        return np.repeat(np.searchsorted(cell, cell[first] + aside, side), count)
+
+    begins = np.arange(len(cell)) + 1, find(columns - 1, "left")
+    ends = find(1, "right"), find(columns + 1, "right")
     runs = [(begin, np.maximum(end - begin, 0)) for begin, end in zip(begins, ends, strict=True)]
     every = sum(int(length.sum()) for _, length in runs) // max(most, 1) + 1
     asked = np.arange(0, len(cell), every)

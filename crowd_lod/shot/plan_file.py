@@ -13,10 +13,12 @@ levels_N: (n,) uint8 of frame N, of LEVEL, PINNED and HIDDEN in frame/planned.py
 when its frame is shown.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
+from zipfile import ZIP_DEFLATED, ZipFile
 
 import numpy as np
 
@@ -26,6 +28,7 @@ from ..format import printable
 from ..frame.planned import LEVEL
 from ..levels.assignment import MOST_LEVELS
 from ..npz_file import read_arrays
+from ..progress import breath
 from .phases import Phases
 
 VERSION = 3
@@ -93,25 +96,27 @@ class StoredPlan:
         return row
 
 
-def write(path: Path, stored: StoredPlan, levels: Sequence[np.ndarray]) -> None:
+def write(path: Path, stored: StoredPlan, levels: Iterable[np.ndarray]) -> None:
     """Write a plan's file to `path`.
 
     stored: its fields; the path in it does not count.
-    levels: (n,) uint8 of each frame.
+    levels: (n,) uint8 of each frame. They are asked for one by one, as they are written.
     """
     arrays: dict[str, Any] = {
-        f"levels_{number}": row for number, row in zip(stored.numbers.tolist(), levels, strict=True)
-    }
-    arrays |= {
         "version": np.array(VERSION),
         "blend_file": np.array(stored.blend_file),
         "made_for": np.array(list(stored.made_for.items()), np.str_),
+        "cast": stored.cast,
+        "tolerance": np.array(np.nan if stored.tolerance is None else stored.tolerance),
     }
     arrays |= {name: getattr(stored, name) for name in ("numbers", "times", "cameras")}
     arrays |= {name: getattr(stored.phases, name) for name in ("shift", "finer", "counts")}
-    arrays["cast"] = stored.cast
-    arrays["tolerance"] = np.array(np.nan if stored.tolerance is None else stored.tolerance)
-    np.savez_compressed(path, **arrays)
+    names = (f"levels_{number}" for number in stored.numbers.tolist())
+    with ZipFile(path, "w", ZIP_DEFLATED) as file:
+        for name, values in chain(zip(names, levels, strict=True), arrays.items()):
+            breath()
+            with file.open(f"{name}.npy", "w", force_zip64=True) as entry:
+                np.lib.format.write_array(entry, values, allow_pickle=False)
 
 
 def read(path: Path) -> StoredPlan:

@@ -6,16 +6,15 @@ change the picture. A mesh that a frame shows costs once, however many agents sh
 docs/notes/shot_plan.md on how that cost is shared, and on the lower bound.
 """
 
-import os
 from collections.abc import Generator, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..levels.cost_model import Work, price
 from ..progress import share
-from .shot_cost import NOTICED, UNSEEN, Bill, Block, Shot, shown_by, work_in
+from .cells import Block
+from .shot_cost import NOTICED, UNSEEN, Bill, Shot, work_in
 
 # agents from which the weight of switches is found, or a hundredth of many; where they share meshes
 SAMPLE = 2000
@@ -26,36 +25,55 @@ NEARLY = 1e-3  # part of its share that a mesh costs which the frame shows anywa
 MATTERS = 0.05  # part of the instances' cost from which on that of meshes is shared with care
 
 
-def program(shot: Shot, table: np.ndarray, weight: float, block: Block) -> tuple[np.ndarray, float]:
+def choices_of(table: np.ndarray) -> np.ndarray:
+    """Return (F, K, (K + 1) L) float32, what each LOD costs an agent by its coarsest LOD.
+
+    table: (F, K, L) float32, the cost of an agent that shows a LOD of a character.
+
+    The column k L + c is of agents that show character c and may be as coarse as LOD k: coarser
+    ones are infinite. The last L are of agents that are not seen: 0.
+    """
+    count = table.shape[1]
+    numbers = np.arange(count)
+    is_coarser = numbers[:, None, None] > numbers[:, None]
+    choices = np.where(is_coarser, np.float32(np.inf), table[:, :, None])
+    shape = len(table), count, (count + 1) * table.shape[2]
+    return np.concatenate([choices, np.zeros_like(choices[:, :, :1])], axis=2).reshape(shape)
+
+
+def program(
+    shot: Shot, choices: np.ndarray, weight: float, block: Block
+) -> tuple[np.ndarray, float]:
     """Return (levels (f, m) uint8, their cost) of a block of agents, by dynamic programming.
 
     An agent that is not seen has the LOD with which it is seen next.
-    table: (1 or F, K, L) float32, the cost of an agent that shows a LOD of a character.
+    choices: (1 or F, K, (K + 1) L), of `choices_of`.
     weight: the cost of a pixel by which a switch changes the picture.
     block: m agents, and the f frames in which they are seen.
     """
     survey = shot.survey
-    agents = block.agents
-    apart = shot.meshes.bounds.T[:, survey.group[agents]].astype(np.float32)
-    numbers = np.arange(shot.meshes.count, dtype=np.uint8)[:, None]
+    count = shot.meshes.count
+    allowed = block.table(shot.allowed)
+    character = block.table(survey.character)
+    scale = block.table(survey.scale)
+    finest = None if survey.finest is None else block.table(survey.finest)
+    joined = survey.joined(block)
+    apart = shot.meshes.bounds.T[:, survey.group[block.agents]].astype(np.float32)
+    numbers = np.arange(count, dtype=np.uint8)[:, None]
 
     def steps() -> Iterator[Step]:
-        was_seen = np.zeros(len(agents), bool)
-        for f in range(block.begin, block.end):
-            allowed = shot.allowed[f, agents]
-            is_seen = allowed != UNSEEN
-            joined = is_seen & was_seen & ~survey.cuts[f]
-            was_seen = is_seen
-            scale = np.where(joined, survey.scale[f, agents], np.float16(0)).astype(np.float32)
-            cost = table[min(f, len(table) - 1)].take(survey.character[f, agents], axis=1)
-            cost *= is_seen
-            np.copyto(cost, np.float32(np.inf), where=numbers > allowed)
-            if survey.finest is not None:
-                finer = (numbers < survey.finest[f, agents]) & is_seen
+        for f in range(len(allowed)):
+            column = np.minimum(allowed[f], count).astype(np.intp) * len(survey.owner)
+            of_frame = choices[min(block.begin + f, len(choices) - 1)]
+            cost = of_frame.take(column + character[f], axis=1)
+            if finest is not None:
+                finer = (numbers < finest[f]) & (allowed[f] != UNSEEN)
                 np.copyto(cost, np.float32(np.inf), where=finer)
-            yield cost, apart * (scale * np.float32(weight)), joined * np.float32(weight * NOTICED)
+            pixels = np.where(joined[f], scale[f], np.float16(0)).astype(np.float32)
+            change = apart * (pixels * np.float32(weight))
+            yield cost, change, joined[f] * np.float32(weight * NOTICED)
 
-    return cheapest_path(steps(), block.end - block.begin)
+    return cheapest_path(steps(), len(allowed))
 
 
 # Of one frame: (K, m) float32 what each LOD costs; (K, m) float32 what a switch to it or from it
@@ -66,47 +84,45 @@ Step = tuple[np.ndarray, np.ndarray, np.ndarray]
 def cheapest_path(steps: Iterable[Step], frames: int) -> tuple[np.ndarray, float]:
     """Return (the LODs (F, m) uint8 of least cost, their cost) of m that switch independently."""
     total = np.zeros(0)
-    came = np.empty(0)
+    via = np.empty(0)
+    switches = np.empty(0)
     for f, (cost, change, fee) in enumerate(steps):
         if f == 0:
             total = np.zeros_like(cost)
-            came = np.empty((frames, *cost.shape), np.uint8)
-            least = np.empty(cost.shape[1], np.float32)
-            via = np.empty(cost.shape[1], np.uint8)
-            numbers = np.arange(len(cost), dtype=np.uint8)[:, None]
+            via = np.zeros((frames, cost.shape[1]), np.uint8)
+            switches = np.empty((frames, *cost.shape), bool)
         left = total + change
-        np.copyto(least, left[0])
-        via[:] = 0
+        least = left[0].copy()
         for k in range(1, len(cost)):
-            better = left[k] < least
-            np.copyto(least, left[k], where=better)
-            np.copyto(via, np.uint8(k), where=better)
-        least += fee
-        change += least
-        switch = change < total
-        np.copyto(total, change, where=switch)
-        np.copyto(came[f], np.where(switch, via, numbers))
+            is_less = left[k] < least
+            np.minimum(least, left[k], out=least)
+            np.maximum(via[f], is_less * np.uint8(k), out=via[f])
+        change += least + fee
+        np.less(change, total, out=switches[f])
+        np.minimum(total, change, out=total)
         total += cost
-    return _traced(came, total), float(total.min(axis=0).sum(dtype=np.float64))
+    return _traced(via, switches, total), float(total.min(axis=0).sum(dtype=np.float64))
 
 
-def _traced(came: np.ndarray, cost: np.ndarray) -> np.ndarray:
+def _traced(via: np.ndarray, switches: np.ndarray, cost: np.ndarray) -> np.ndarray:
     """Return the levels (F, m) that lead to the least cost.
 
-    came: (F, K, m) uint8, the LOD in the frame before from which each LOD is reached.
+    via: (F, m) uint8, the LOD in the frame before from which a switch is cheapest.
+    switches: (F, K, m) bool, whether each LOD is reached by a switch.
     cost: (K, m), in the end.
     """
-    levels = np.empty((len(came), cost.shape[1]), np.uint8)
+    levels = np.empty_like(via)
     now = cost.argmin(axis=0).astype(np.uint8)
-    agents = np.arange(cost.shape[1])
-    for f in range(len(came) - 1, -1, -1):
+    agents = np.arange(len(now))
+    for f in range(len(via) - 1, -1, -1):
         levels[f] = now
-        now = came[f][now, agents]
+        place = now.astype(np.intp) * len(now) + agents
+        np.copyto(now, via[f], where=switches[f].ravel()[place])
     return levels
 
 
 def by_character(shot: Shot, unique: np.ndarray, weight: float) -> np.ndarray:
-    """Return the LODs (F, n) uint8 of least cost with one LOD of each character in a frame.
+    """Return the LODs (N,) uint8 of least cost with one LOD of each character in a frame.
 
     It is as fine as each of the character's agents needs, and its agents switch together.
     unique: (F, K, L) seconds of each mesh. weight: as of `program`.
@@ -125,7 +141,10 @@ def by_character(shot: Shot, unique: np.ndarray, weight: float) -> np.ndarray:
             yield cost.astype(np.float32), change, switching.astype(np.float32)
 
     path, _ = cheapest_path(steps(), len(survey.times))
-    levels = np.take_along_axis(path, survey.character.astype(np.intp), axis=1)
+    levels = np.empty_like(survey.coarsest)
+    for block, rows, character in survey.cells.tables(levels, survey.character):
+        frame = np.arange(block.begin, block.end)[:, None]
+        rows[:] = path[frame, character]
     if survey.finest is not None:
         levels = np.maximum(levels, survey.finest)
     return shot.carried(levels)
@@ -134,18 +153,18 @@ def by_character(shot: Shot, unique: np.ndarray, weight: float) -> np.ndarray:
 def decided(
     shot: Shot, table: np.ndarray, weight: float
 ) -> Generator[float, None, tuple[np.ndarray, float]]:
-    """Decide on all agents by `program`: yield the progress, return (levels (F, n), cost)."""
-    levels = np.zeros(shot.survey.kind.shape, np.uint8)
+    """Decide on all agents by `program`: yield the progress, return (levels (N,), cost)."""
+    survey = shot.survey
+    levels = np.zeros_like(survey.coarsest)
     cost = 0.0
-    blocks = shot.blocks
+    choices = choices_of(table)
+    blocks = survey.cells.blocks
     _ = shot.allowed  # found once, before threads ask for it
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        programs = pool.map(lambda block: program(shot, table, weight, block), blocks)
-        for number, (block, (block_levels, paid)) in enumerate(zip(blocks, programs, strict=True)):
-            levels[: block.begin, block.agents] = block_levels[0]
-            levels[block.begin : block.end, block.agents] = block_levels
-            cost += paid
-            yield (number + 1) / len(blocks)
+    programs = survey.by_block(lambda block: program(shot, choices, weight, block))
+    for number, (block, (block_levels, paid)) in enumerate(zip(blocks, programs, strict=True)):
+        block.table(levels)[:] = block_levels
+        cost += paid
+        yield (number + 1) / len(blocks)
     return levels, cost
 
 
@@ -153,7 +172,7 @@ def decided(
 class ShotPlan:
     """The decision on a shot.
 
-    levels: (F, n) uint8, of each agent in each frame; where it is not seen, the one with which it
+    levels: (N,) uint8, of each agent in each frame; where it is not seen, the one with which it
         is seen next.
     bill: what they cost.
     thresholds: what the LODs that the policy gives frame by frame cost.
@@ -196,16 +215,20 @@ class Limit:
     """What a plan may cost.
 
     thresholds: what the LODs cost that the policy gives frame by frame.
-    levels: (F, n) uint8, the cheapest LODs that are known.
-    cheapest: what they cost, or `thresholds` where one LOD a character costs more.
+    cheapest: what one LOD a character costs, where that is less; else `thresholds`.
     avoid: what a plan may cost more than the cheapest, as a part of what the thresholds' LODs
         cost.
     """
 
     thresholds: Bill
-    levels: np.ndarray
     cheapest: Bill
     avoid: float
+
+    @property
+    def levels(self) -> np.ndarray:
+        """(N,) uint8, LODs that hold it."""
+        own = self.cheapest is not self.thresholds
+        return self.cheapest.levels if own else self.thresholds.shot.coarsest
 
     def holds(self, found: Bill) -> bool:
         """Return whether a plan may cost as much as `found`."""
@@ -219,9 +242,9 @@ def _limit(shot: Shot, avoid: float) -> Limit:
         levels = by_character(shot, mesh_seconds(shot, thresholds), 0.0)
         found = Bill(shot, levels)
         if found.above(thresholds) <= 0:
-            return Limit(thresholds, levels, found, avoid)
-    levels = shot.coarsest
-    return Limit(thresholds, levels, thresholds, max(avoid, Bill(shot, levels).above(thresholds)))
+            return Limit(thresholds, found, avoid)
+    least = Bill(shot, shot.allowed, shot.least_shown)
+    return Limit(thresholds, thresholds, max(avoid, least.above(thresholds)))
 
 
 def objective(found: Bill, weight: float) -> float:
@@ -254,10 +277,11 @@ def _weight(shot: Shot, avoid: float, shared: bool) -> Generator[float, None, fl
     return low
 
 
-def sampled(shot: Shot, most: int) -> tuple[Shot, slice]:
-    """Return the shot of at most `most` of its agents, evenly, and which they are."""
-    some = slice(None, None, max(-(-len(shot.survey.group) // most), 1))
-    return shot if some.step == 1 else replace(shot, survey=shot.survey.of(some)), some
+def sampled(shot: Shot, most: int) -> tuple[Shot, np.ndarray]:
+    """Return the shot of at most `most` of its agents, evenly, and which they are, (m,) intp."""
+    count = len(shot.survey.group)
+    agents = np.arange(count)[:: max(-(-count // most), 1)]
+    return shot if len(agents) == count else replace(shot, survey=shot.survey.of(agents)), agents
 
 
 def solved(
@@ -345,7 +369,7 @@ def floor(shot: Shot) -> tuple[float, float, np.ndarray]:
     characters = len(shot.survey.owner)
     frames = len(survey.times)
     triangles = shot.meshes.triangles.T[:, survey.owner]
-    agents = shown_by(shot, shot.allowed)
+    agents = shot.least_shown
     seen_agents = agents.sum(axis=1)
     finest = (agents > 0).argmax(axis=1)
     least = np.where(seen_agents > 0, triangles[finest, np.arange(characters)], 0.0)

@@ -1,11 +1,8 @@
 """A surveyed shot with its LOD meshes, and what LODs of it cost."""
 
-import os
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -20,12 +17,12 @@ from ..levels.cost_model import (
     stored_triangles,
     work_of,
 )
+from .cells import Block
 from .survey import SEEN, Survey
 
 # pixels as which any switch in sight counts, besides those by which it changes the picture
 NOTICED = 0.25
 UNSEEN = 255  # the LOD of an agent that is not seen
-TOGETHER = 8192  # agents decided together: their rows stay in the processor's cache
 
 
 @dataclass(frozen=True)
@@ -54,19 +51,6 @@ def meshes_of(groups: Sequence[Group], count: int) -> Meshes:
         for name in ("triangles", "vertices", "bounds")
     )
     return Meshes(triangles, vertices, np.maximum.accumulate(bounds, axis=1))
-
-
-@dataclass(frozen=True)
-class Block:
-    """Agents that are seen in the same part of the shot.
-
-    agents: (m,) intp.
-    begin, end: the first of the shot's F frames that shows one of them, and the one after the last.
-    """
-
-    agents: np.ndarray
-    begin: int
-    end: int
 
 
 @dataclass(frozen=True)
@@ -116,91 +100,90 @@ class Shot:
 
     @cached_property
     def allowed(self) -> np.ndarray:
-        """(F, n) uint8, the coarsest LOD of each agent in each frame; UNSEEN where it is not seen.
+        """(N,) uint8, the coarsest LOD of each agent in each frame; UNSEEN where it is not seen.
 
         It is the survey's `coarsest`. It is finer only where a switch in the next frame would
         change the picture by more than twice the pixels that the two LODs are allowed to show, and
         never finer than exceptions allow.
         """
         survey = self.survey
-        bounds = self.meshes.bounds
-        coarsest = np.where(survey.is_seen, survey.coarsest, UNSEEN).astype(np.uint8)
-        for f in range(1, len(coarsest)):
-            agents = np.flatnonzero(
-                survey.joined(f) & (survey.coarsest[f - 1] > survey.coarsest[f])
-            )
-            group = survey.group[agents]
-            (then, now) = survey.scale[f - 1 : f + 1, agents].astype(np.float64)
-            before = coarsest[f - 1, agents]
-            after = coarsest[f, agents]
-            most = np.maximum(then * bounds[group, before], now * bounds[group, after])
-            least = 0 if survey.finest is None else survey.finest[f - 1, agents]
-            for k in range(self.meshes.count - 1, 0, -1):
-                before[
-                    (before == k)
-                    & (k > np.maximum(after, least))
-                    & (now * (bounds[group, k] + bounds[group, after]) > 2 * most)
-                ] = k - 1
-            coarsest[f - 1, agents] = before
-        return coarsest
+        allowed = np.where(survey.is_seen, survey.coarsest, UNSEEN).astype(np.uint8)
+        for _ in survey.by_block(lambda block: self._refine(block, block.table(allowed))):
+            pass
+        return allowed
+
+    def _refine(self, block: Block, levels: np.ndarray) -> None:
+        """Make coarsest LODs (f, m) of a block finer before switches that would show too much."""
+        survey = self.survey
+        joined = survey.joined(block)
+        f, column = np.nonzero(joined[1:] & (levels[:-1] > levels[1:]))
+        bounds = self.meshes.bounds[survey.group[block.agents[column]]].T
+        scale = block.table(survey.scale)
+        then = scale[f, column].astype(np.float64)
+        now = scale[f + 1, column].astype(np.float64)
+        before = levels[f, column]
+        after = levels[f + 1, column]
+        rows = np.arange(len(f))
+        most = np.maximum(then * bounds[before, rows], now * bounds[after, rows])
+        least = 0 if survey.finest is None else block.table(survey.finest)[f, column]
+        for k in range(self.meshes.count - 1, 0, -1):
+            is_large = now * (bounds[k] + bounds[after, rows]) > 2 * most
+            before[(before == k) & (k > np.maximum(after, least)) & is_large] = k - 1
+        levels[f, column] = before
 
     @cached_property
-    def blocks(self) -> list[Block]:
-        """All agents that are ever seen, in the order of their first and last frames."""
-        first, last = self.survey.spans
-        (agents,) = np.nonzero(first < last)
-        agents = agents[np.lexsort((last[agents], first[agents]))]
-        parts = np.split(agents, range(TOGETHER, len(agents), TOGETHER))
-        return [
-            Block(part, int(first[part].min()), int(last[part].max()))
-            for part in parts
-            if len(part)
-        ]
+    def least_shown(self) -> np.ndarray:
+        """(F, K, L) int64, agents that show each LOD of each character if all show `allowed`."""
+        return shown_by(self, self.allowed)
 
     @cached_property
     def needs_of_characters(self) -> CharacterNeeds:
         """What each frame asks of each character."""
         survey = self.survey
-        shape = len(survey.times), len(survey.owner)
-        agents_shown = shown_by(self, self.allowed)
+        agents_shown = self.least_shown
         users = agents_shown.sum(axis=1)
         coarsest = np.where(users > 0, (agents_shown > 0).argmax(axis=1), self.meshes.count - 1)
-        staying = np.zeros(shape, np.intp)
-        pixels = np.zeros(shape)
-        for f in range(1, len(users)):
-            stays = survey.joined(f) & (survey.character[f] == survey.character[f - 1])
-            character = survey.character[f, stays]
-            staying[f] = np.bincount(character, minlength=shape[1])
-            pixels[f] = np.bincount(character, survey.scale[f, stays], shape[1])
+        staying = np.zeros(users.shape, np.intp)
+        pixels = np.zeros(users.shape)
+        for block, character, scale in survey.cells.tables(survey.character, survey.scale):
+            stays = survey.joined(block)
+            stays[1:] &= character[1:] == character[:-1]
+            f, column = np.nonzero(stays)
+            key = (block.begin + f) * users.shape[1] + character[f, column]
+            staying += np.bincount(key, minlength=users.size).reshape(users.shape)
+            weights = scale[f, column]
+            pixels += np.bincount(key, weights, users.size).reshape(users.shape)
         return CharacterNeeds(users, coarsest, staying, pixels)
 
     @property
     def coarsest(self) -> np.ndarray:
-        """(F, n) uint8, the coarsest LODs that are allowed."""
+        """(N,) uint8, the coarsest LODs that are allowed."""
         return self.carried(self.allowed)
 
     def carried(self, levels: np.ndarray) -> np.ndarray:
-        """Return `levels` (F, n); where an agent is not seen, the LOD with which it is seen next,
+        """Return `levels` (N,); where an agent is not seen, the LOD with which it is seen next,
         or 0.
         """
-        all_levels = np.where(self.survey.is_seen, levels, UNSEEN)
-        all_levels[-1][all_levels[-1] == UNSEEN] = 0
-        for f in range(len(all_levels) - 2, -1, -1):
-            np.copyto(all_levels[f], all_levels[f + 1], where=all_levels[f] == UNSEEN)
+        all_levels = np.where(self.survey.is_seen, levels, UNSEEN).astype(np.uint8)
+        for _, rows in self.survey.cells.tables(all_levels):
+            rows[-1][rows[-1] == UNSEEN] = 0
+            for f in range(len(rows) - 2, -1, -1):
+                np.copyto(rows[f], rows[f + 1], where=rows[f] == UNSEEN)
         return all_levels
 
 
 class Bill:
     """What LODs of a shot cost. Figures that nobody asks for are not computed.
 
-    levels: (F, n) uint8, the LODs.
-    agents_shown: (F, K, L), agents of each frame that show each LOD of each character.
+    levels: (N,) uint8, the LODs.
+    agents_shown: (F, K, L), agents of each frame that show each LOD of each character; counted,
+        where they are not given.
     """
 
-    def __init__(self, shot: Shot, levels: np.ndarray) -> None:
+    def __init__(self, shot: Shot, levels: np.ndarray, shown: np.ndarray | None = None) -> None:
         self.shot = shot
         self.levels = levels
-        self.agents_shown = shown_by(shot, levels)
+        self.agents_shown = shown_by(shot, levels) if shown is None else shown
 
     @cached_property
     def price(self) -> Price:
@@ -233,7 +216,7 @@ class Bill:
     @property
     def switches(self) -> np.ndarray:
         """(F,), agents that change their LOD in sight."""
-        return self._changes[0].astype(np.intp)
+        return self._changes[0]
 
     @property
     def pixels(self) -> np.ndarray:
@@ -243,29 +226,42 @@ class Bill:
     @property
     def most(self) -> float:
         """The most pixels of one switch."""
-        return float(self._changes[2].max())
+        return self._changes[2]
 
     @cached_property
-    def _changes(self) -> np.ndarray:
-        def measure_frame(f: int) -> tuple[int, float, float]:
-            agents, pixels = switched(self.shot, self.levels, f)
-            return len(agents), float(pixels.sum()), float(pixels.max(initial=0.0))
+    def _changes(self) -> tuple[np.ndarray, np.ndarray, float]:
+        """Each frame's switches and their pixels, (F,), and the most pixels of one."""
+        frames = len(self.agents_shown)
 
-        return np.array(_by_frame(measure_frame, len(self.levels))).T
+        def measure(block: Block) -> tuple[np.ndarray, np.ndarray, float]:
+            f, _, pixels = switched(self.shot, self.levels, block)
+            sums = np.bincount(f, pixels, frames)
+            return np.bincount(f, minlength=frames), sums, float(pixels.max(initial=0.0))
+
+        switches = np.zeros(frames, np.intp)
+        pixels = np.zeros(frames)
+        most = 0.0
+        for counts, sums, largest in self.shot.survey.by_block(measure):
+            switches += counts
+            pixels += sums
+            most = max(most, largest)
+        return switches, pixels, most
 
     @cached_property
     def error(self) -> float:
         """The most pixels by which a LOD deviates."""
         survey = self.shot.survey
-        bounds = self.shot.meshes.bounds
 
-        def measure_frame(f: int) -> float:
-            agents = np.flatnonzero(survey.kind[f] == SEEN)
-            scale = survey.scale[f, agents].astype(np.float64)
-            deviation = bounds[survey.group[agents], self.levels[f, agents]]
-            return float((scale * deviation).max(initial=0.0))
+        def measure(block: Block) -> float:
+            bounds = self.shot.meshes.bounds.T[:, survey.group[block.agents]]
+            levels = block.table(self.levels)
+            scale = block.table(survey.scale)
+            columns = np.arange(len(block.agents))
+            is_seen = block.table(survey.kind) == SEEN
+            deviations = bounds[levels, columns] * scale.astype(np.float64)
+            return float(deviations.max(initial=0.0, where=is_seen))
 
-        return max(_by_frame(measure_frame, len(self.levels)))
+        return max(survey.by_block(measure), default=0.0)
 
     @property
     def noticed(self) -> float:
@@ -286,23 +282,26 @@ class Bill:
         return max((own - least) / total if total > 0 else 0.0 for own, least, total in costs)
 
 
-def _by_frame(measure: Callable[[int], Any], frames: int) -> list[Any]:
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return list(pool.map(measure, range(frames)))
-
-
 def shown_by(shot: Shot, levels: np.ndarray) -> np.ndarray:
-    """Return how many seen agents show each LOD of each character by `levels` (F, n), (F, K, L)
+    """Return how many seen agents show each LOD of each character by `levels` (N,), (F, K, L)
     int64.
     """
     survey = shot.survey
-    characters = len(shot.survey.owner)
-    counts = np.zeros((len(survey.times), shot.meshes.count, characters), np.int64)
-    for f in range(len(counts)):
-        agents = np.flatnonzero(survey.kind[f] == SEEN)
-        key = levels[f, agents].astype(np.intp) * characters + survey.character[f, agents]
-        counts[f] = np.bincount(key, minlength=counts[f].size).reshape(counts[f].shape)
-    return counts
+    count = shot.meshes.count
+    characters = len(survey.owner)
+    counts = np.zeros((len(survey.times), count + 1, characters), np.int64)
+
+    def measure(block: Block) -> np.ndarray:
+        frame = np.arange(block.end - block.begin)[:, None]
+        is_seen = block.table(survey.kind) == SEEN
+        level = np.where(is_seen, block.table(levels), np.uint8(count))  # the last: nobody sees it
+        key = ((count + 1) * frame + level) * characters + block.table(survey.character)
+        shape = len(frame), count + 1, characters
+        return np.bincount(key.ravel(), minlength=np.prod(shape)).reshape(shape)
+
+    for block, of_block in zip(survey.cells.blocks, survey.by_block(measure), strict=True):
+        counts[block.begin : block.end] += of_block
+    return counts[:, :count]
 
 
 def work_in(shot: Shot, shown: np.ndarray) -> Work:
@@ -310,14 +309,22 @@ def work_in(shot: Shot, shown: np.ndarray) -> Work:
     return work_of(shot.actors, shown, shot.survey.rays, known=True)
 
 
-def switched(shot: Shot, levels: np.ndarray, f: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return (agents (m,) that change their LOD in sight in frame f, by how many pixels at most).
+def switched(
+    shot: Shot, levels: np.ndarray, block: Block
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return (frames, agents, pixels) of all changes of LODs in sight of a block, (s,) each.
 
-    Each LOD lies off the character by its bound at most, so two lie apart by the sum of theirs.
+    pixels: by how many the picture changes at most. Each LOD lies off the character by its bound
+        at most, so two lie apart by the sum of theirs.
     """
     survey = shot.survey
     bounds = shot.meshes.bounds
-    agents = np.flatnonzero(survey.joined(f) & (levels[f] != levels[f - 1]))
+    rows = block.table(levels)
+    is_switched = survey.joined(block)
+    is_switched[1:] &= rows[1:] != rows[:-1]
+    f, column = np.nonzero(is_switched)
+    agents = block.agents[column]
     group = survey.group[agents]
-    apart = bounds[group, levels[f - 1, agents]] + bounds[group, levels[f, agents]]
-    return agents, survey.scale[f, agents].astype(np.float64) * apart
+    apart = bounds[group, rows[f - 1, column]] + bounds[group, rows[f, column]]
+    scale = block.table(survey.scale)[f, column]
+    return block.begin + f, agents, scale.astype(np.float64) * apart

@@ -25,7 +25,7 @@ def noticed(shot: Shot, levels: np.ndarray, radius: np.ndarray) -> np.ndarray:
 
     An entry is an agent that the near or far clip hid in the frame before, an exit one that it
     hides from this frame on.
-    levels: (F, n) uint8.
+    levels: (N,) uint8.
     radius: (G,) float64 meters, of the groups' bounding spheres.
 
     frame: on the timeline. agent: its number. before, after: the LODs; NOTHING before an
@@ -33,28 +33,41 @@ def noticed(shot: Shot, levels: np.ndarray, radius: np.ndarray) -> np.ndarray:
     by which the picture changes there, at most; for an entry and an exit the size.
     """
     survey = shot.survey
-    parts = []
-    for f, number in enumerate(survey.numbers.tolist()):
-        agents, change = switched(shot, levels, f)
-        # seen at the frame's own time, not only at another of the shutter
-        entered = survey.entered[f][survey.scale[f, survey.entered[f]] > 0]
-        left = survey.left[f][survey.scale[f - 1, survey.left[f]] > 0]
-        rows = np.empty(len(agents) + len(entered) + len(left), ROW)
-        rows["frame"] = number
-        rows["agent"] = np.concatenate([agents, entered, left])
-        gone = slice(len(rows) - len(left), None)
-        at_once = slice(len(agents), None)
-        rows["before"] = levels[f - 1, rows["agent"]]
-        rows["before"][len(agents) : gone.start] = NOTHING
-        rows["after"] = levels[f, rows["agent"]]
-        rows["after"][gone] = NOTHING
-        scale = survey.scale[f, rows["agent"]].astype(np.float64)
-        scale[gone] = survey.scale[f - 1, left]
-        rows["size"] = scale * 2 * radius[survey.group[rows["agent"]]]
-        rows["change"][: len(agents)] = change
-        rows["change"][at_once] = rows["size"][at_once]
-        parts.append(rows[rows["agent"].argsort()])
-    return np.concatenate(parts)
+    cells = survey.cells
+    scale = survey.scale
+    parts = [np.empty(0, ROW)]
+    for (block,) in cells.tables():
+        frame, agents, change = switched(shot, levels, block)
+        now = cells.at(frame, agents)
+        rows = _rows(frame, agents, scale[now])
+        rows["before"] = levels[cells.at(frame - 1, agents)]
+        rows["after"] = levels[now]
+        rows["change"] = change
+        parts.append(rows)
+    for f, (entered, left) in enumerate(zip(survey.entered, survey.left, strict=True)):
+        for agents, shown_in, absent in ((entered, f, "before"), (left, f - 1, "after")):
+            at = cells.at(shown_in, agents)
+            rows = _rows(np.full(len(at), f), agents, scale[at])
+            rows["before"] = rows["after"] = levels[at]
+            rows[absent] = NOTHING
+            # seen at the frame's own time, not only at another of the shutter
+            parts.append(rows[rows["size"] > 0])
+    rows = np.concatenate(parts)
+    rows["size"] *= 2 * radius[survey.group[rows["agent"]]]
+    is_at_once = (rows["before"] == NOTHING) | (rows["after"] == NOTHING)
+    rows["change"][is_at_once] = rows["size"][is_at_once]
+    rows = rows[np.lexsort((rows["agent"], rows["frame"]))]
+    rows["frame"] = survey.numbers[rows["frame"]]
+    return rows
+
+
+def _rows(frame: np.ndarray, agents: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """Return rows of ROW of `agents` (m,), without their LODs."""
+    rows = np.zeros(len(agents), ROW)
+    rows["frame"] = frame
+    rows["agent"] = agents
+    rows["size"] = size
+    return rows
 
 
 def largest(found: np.ndarray, most: int) -> np.ndarray:

@@ -4,7 +4,7 @@ import numpy as np
 
 from ..levels.cost_model import NAMES, Work, price
 from .shot_cost import Shot
-from .survey import CULLED, HIDDEN, MIRRORED, SHADOW
+from .survey import CULLED, MIRRORED, SHADOW
 
 
 def unneeded(shot: Shot, agents: np.ndarray, names: list[str]) -> list[str]:
@@ -37,9 +37,11 @@ def unneeded(shot: Shot, agents: np.ndarray, names: list[str]) -> list[str]:
                 f"{'it' if idle == 1 else 'them'}; "
                 f"{_saves(shot, idle * triangles.sum())}."
             )
-    is_absent = (survey.kind == CULLED) | (survey.kind == HIDDEN)
-    if never := int(is_absent.all(axis=0).sum()):
-        behind = " or behind scenery" if (survey.kind == HIDDEN).any() else ""
+    is_absent = np.ones(len(survey.group), bool)
+    for block, kind in survey.cells.tables(survey.kind):
+        is_absent[block.agents] = (kind == CULLED).all(axis=0)
+    if never := int(is_absent.sum()):
+        behind = " or behind scenery" if survey.hidden.any() else ""
         sentences.append(
             f"{never:,} of {len(survey.group):,} agents: outside of all frames{behind}, with no "
             f"shadow or mirror image in them."
@@ -55,9 +57,8 @@ def needed_meshes(shot: Shot, seen_agents: np.ndarray) -> np.ndarray:
     """
     survey = shot.survey
     needed: np.ndarray = seen_agents.any(axis=0)
-    for f in range(len(survey.kind)):
-        agents = np.flatnonzero((survey.kind[f] == SHADOW) | (survey.kind[f] == MIRRORED))
-        needed[survey.coarsest[f, agents], survey.character[f, agents]] = True
+    is_unseen = (survey.kind == SHADOW) | (survey.kind == MIRRORED)
+    needed[survey.coarsest[is_unseen], survey.character[is_unseen]] = True
     return needed
 
 

@@ -89,6 +89,7 @@ def _clipped(
     f = int(np.searchsorted(survey.numbers, frame))
     camera = cameras[f]
     between = camera.pixels_per_unit / np.sqrt(max(camera.near, 1e-9) * camera.far)
-    is_near = bool(np.median(survey.scale[f if appear else f - 1, agents]) > between)
+    scale = survey.scale[survey.cells.at(f if appear else f - 1, agents)]
+    is_near = bool(np.median(scale) > between)
     clip, reach = ("near", camera.near) if is_near else ("far", camera.far)
     return Clipped(len(agents), bool(appear), clip, meters * reach, frame)

@@ -49,6 +49,8 @@ class Trajectory(ABC):
     heights: the ground that agents stand on, a height map or a terrain; None if it is level.
     gaits: at which rates the groups play their actions.
     states: what agents do.
+    wearer: (n,) intp, for each agent that which wears it; for one that nobody wears itself. None
+        if nobody wears anything.
     given_phases: (n,) bool, agents whose phases come from a file or from an object's points; None
         if nobody's do.
     ids: (n,) int64, the numbers of a file or of an object's points, which agents keep when others
@@ -66,6 +68,7 @@ class Trajectory(ABC):
     gaits: Gaits
     ids: np.ndarray | None = None
     given_phases: np.ndarray | None = None
+    wearer: np.ndarray | None = None
 
     @property
     @abstractmethod
@@ -152,6 +155,15 @@ class Trajectory(ABC):
         CrowdError where their source alone decides on groups.
         """
         raise CrowdError("The source of these agents alone decides on their groups.")
+
+    @property
+    def bare(self) -> "Trajectory":
+        """The agents without what they wear."""
+        return self
+
+    def with_worn(self, agents: np.ndarray) -> np.ndarray:
+        """Return `agents` (m,) and the parts that they wear, (k,) intp, increasing."""
+        return agents if self.wearer is None else np.flatnonzero(np.isin(self.wearer, agents))
 
     @property
     def note(self) -> str:

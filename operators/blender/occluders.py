@@ -153,6 +153,11 @@ def _reason_against(
             ),
         ),
         (
+            # at another time of the shutter: EEVEE then draws the scene without it
+            "renders do not show it",
+            lambda: any(block.evaluated_get(depsgraph).hide_render for block in (item, *inside)),
+        ),
+        (
             "it stands at NaN or infinity",
             lambda: not np.isfinite(matrix_of(placed, depsgraph)).all(),
         ),

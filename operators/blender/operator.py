@@ -1,10 +1,12 @@
 """Base classes of the operators."""
 
 import time as clock
+from collections import deque
 from collections.abc import Callable
 from typing import Any
 
 import bpy
+import numpy as np
 
 from ...crowd_lod.errors import FAULTS, sentence
 from ...crowd_lod.progress import finished
@@ -12,10 +14,16 @@ from . import collection_caches, sidebars, unfinished
 from .guard import handler
 from .labeled_properties import CONTEXT
 
-# Seconds of work between two drawings of the window: as many as the last one took. Steps change
-# data, after which Blender draws all of the window: 0.2 s on software OpenGL, a few ms on a card.
-LEAST_TICK = 0.04
-MOST_TICK = 0.2
+# Seconds of work between two drawings of the window, by the seconds that the last one took: as many
+# where that is quick, so that 0.3 s pass between two looks at the user's events; half as many where
+# it is slow. Steps change data, after which Blender draws all of the window: 0.1 to 0.2 s on
+# software OpenGL, a few ms on a card.
+TICKS = (0.04, 0.1, 0.2, 0.4), (0.04, 0.1, 0.1, 0.2)
+# The time left is known where estimates of the whole differ by KNOWN at most. Else the least of
+# them may be WRONG times too long.
+KNOWN = 1.4
+WRONG = 1.5
+SHOWN_EVERY = 0.25  # seconds between two texts on the progress: each draws the sidebar
 # by the bl_idname of an operator at work: its progress, 0 to 1
 at_work: dict[str, float] = {}
 # functions of a scene that return what steps rest on; registration fills the list
@@ -27,20 +35,41 @@ LOOKING = ("CROWD_LOD_OT_", "VIEW3D_OT_", "VIEW2D_OT_", "ANIM_OT_change_frame")
 _running: list["Stepwise"] = []
 
 
-def left_words(progress: float, seconds: float) -> str:
-    """Return a text with the estimated time left, or "" in the first two seconds.
+class TimeLeft:
+    """The time that a step has left, as its progress tells.
 
-    progress: 0 to 1, reached in `seconds`; "" at 0 too.
+    It is said where the latter half of the step has told about the same whole. Else only a least
+    time is: some searches take more tries than others, and call for further searches.
     """
-    if seconds < 2 or not progress > 0:
-        return ""
-    left = seconds * (1 - progress) / progress
+
+    def __init__(self):
+        self._wholes: deque[tuple[float, float]] = deque()  # (at which second, estimated seconds)
+
+    def words(self, progress: float, seconds: float) -> str:
+        """Return a text with the time left, or "" in the first two seconds.
+
+        progress: 0 to 1, reached in `seconds`; "" at 0 too.
+        """
+        if seconds < 2 or not progress > 0:
+            return ""
+        self._wholes.append((seconds, seconds / progress))
+        while self._wholes[0][0] < seconds / 2:
+            self._wholes.popleft()
+        wholes = [whole for _, whole in self._wholes]
+        if max(wholes) <= KNOWN * min(wholes):
+            return f", about {_duration(wholes[-1] - seconds)} left"
+        least = min(wholes) / WRONG - seconds
+        return f", at least {_duration(least)} left" if least >= 1 else ""
+
+
+def _duration(seconds: float) -> str:
+    """Return the seconds in words such as "3 min"."""
     unit, words = next(
-        each
-        for each in ((3600, "h"), (60, "min"), (1, "s"))
-        if left >= 1.5 * each[0] or each[0] == 1
+        (unit, words)
+        for unit, words in ((3600, "h"), (60, "min"), (1, "s"))
+        if seconds >= 1.5 * unit or unit == 1
     )
-    return f", about {left / unit:,.0f} {words} left"
+    return f"{seconds / unit:,.0f} {words}"
 
 
 class Needing:
@@ -107,6 +136,8 @@ class Stepwise(Reporting):
         self._steps = self.steps(context)
         self._scene = context.scene
         self._started = self._rested = clock.monotonic()
+        self._shown = 0.0
+        self._left = TimeLeft()
         self._dropped = ""
         self._status = ""
         self._rests_on = _inputs_of(context.scene)
@@ -144,7 +175,7 @@ class Stepwise(Reporting):
                 self.drop("was stopped, as settings, characters or the camera were changed")
                 return {"PASS_THROUGH"}
             before = unfinished.note_users(self._state)
-            until = clock.monotonic() + min(max(drawing, LEAST_TICK), MOST_TICK)
+            until = clock.monotonic() + np.interp(drawing, *TICKS)
             while True:  # small steps together
                 progress = next(self._steps)
                 if clock.monotonic() >= until:
@@ -170,8 +201,12 @@ class Stepwise(Reporting):
         return {"PASS_THROUGH"}
 
     def _show(self, context, progress: float) -> None:
-        """Show the progress, where its text is another than before."""
-        left = left_words(progress, clock.monotonic() - self._started)
+        """Show the progress, now and then, where its text is another than before."""
+        now = clock.monotonic()
+        if now < self._shown + SHOWN_EVERY:
+            return
+        self._shown = now
+        left = self._left.words(progress, now - self._started)
         status = f"{self.bl_label}: {100 * progress:.0f} %{left}, Esc to cancel"
         if status != self._status:
             self._status = status

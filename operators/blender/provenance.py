@@ -7,14 +7,15 @@ docs/notes/files.md says what is read, when, and what that costs.
 import hashlib
 import json
 import zlib
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Container, Generator, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 
 import bpy
 import numpy as np
 
+from ...crowd_lod.progress import finished
 from . import mesh_data, scene_cache, scene_data
 from .animation import curves_and_drivers, players_of
 from .guard import handler
@@ -30,6 +31,7 @@ from .rig_dependencies import (
 )
 
 MOST_WEIGHED = 20_000  # vertices of a mesh whose weights are read, evenly
+WEIGHED_AT_ONCE = 2_000  # of them, between two yields
 NAMED = 3  # inputs that a sentence names; it counts the others
 # Data-blocks whose content is read, so that names do not count; the palette tells materials apart.
 READ = bpy.types.Material | bpy.types.Action | bpy.types.Mesh | bpy.types.Armature | bpy.types.Key
@@ -266,6 +268,11 @@ def _inputs(item: bpy.types.Object) -> list[tuple[str, str]]:
 
 def read_shape(item: bpy.types.Object) -> str:
     """Return the digest of the object's data; the known one while it has not changed."""
+    return finished(reading_shape(item))
+
+
+def reading_shape(item: bpy.types.Object) -> Generator[float, None, str]:
+    """Read the object's data: yield between parts, return its digest as `read_shape` does."""
     data = item.data
     weighted = bool(len(getattr(item, "vertex_groups", ())))
     if data is None:
@@ -276,12 +283,13 @@ def read_shape(item: bpy.types.Object) -> str:
     if latest is None or latest.print != stamp:
         keys = getattr(data, "shape_keys", None)
         blocks = frozenset(block.session_uid for block in (data, keys) if block is not None)
-        latest = _known[key] = _Known(_read_data(data, weighted), stamp, blocks)
+        digest = yield from _reading_data(data, weighted)
+        latest = _known[key] = _Known(digest, stamp, blocks)
     return latest.digest
 
 
-def _read_data(data: bpy.types.ID, weighted: bool) -> str:
-    """Return the digest of an object's data.
+def _reading_data(data: bpy.types.ID, weighted: bool) -> Generator[float, None, str]:
+    """Read an object's data: yield between parts, return the digest.
 
     Of a mesh: attributes, faces, shape keys, weights. Of other data: settings and points.
     """
@@ -295,7 +303,8 @@ def _read_data(data: bpy.types.ID, weighted: bool) -> str:
             hashed.update(read_columns(attribute.data, [(name, width, kind)])[0])
     if isinstance(data, bpy.types.Mesh):
         hashed.update(read_columns(data.polygons, [("loop_start", 1, "i4")])[0])
-        hashed.update(_weights(data) if weighted else b"")
+        if weighted:
+            yield from _add_weights(hashed, data)
     else:
         hashed.update(
             repr(
@@ -311,21 +320,23 @@ def _read_data(data: bpy.types.ID, weighted: bool) -> str:
     return hashed.hexdigest()
 
 
-def _weights(mesh: bpy.types.Mesh) -> bytes:
-    """Return the weights of at most MOST_WEIGHED vertices, evenly chosen.
+def _add_weights(hashed: "hashlib._Hash", mesh: bpy.types.Mesh) -> Iterator[float]:
+    """Add the weights of at most MOST_WEIGHED vertices, evenly chosen; yield between parts.
 
     Python takes 10 microseconds to read a vertex.
     """
     vertices = mesh.vertices
     count = len(mesh.vertices)
     sample = range(0, count, -(-count // MOST_WEIGHED) or 1)
-    table = [
-        number
-        for k in sample
-        for entry in vertices[k].groups
-        for number in (k, entry.group, entry.weight)
-    ]
-    return np.array(table, np.float64).tobytes()
+    for begin in range(0, len(sample), WEIGHED_AT_ONCE):
+        table = [
+            number
+            for k in sample[begin : begin + WEIGHED_AT_ONCE]
+            for entry in vertices[k].groups
+            for number in (k, entry.group, entry.weight)
+        ]
+        hashed.update(np.array(table, np.float64).tobytes())
+        yield 0.0
 
 
 def look_afresh() -> None:
@@ -336,6 +347,23 @@ def look_afresh() -> None:
     global changes
     changes += 1
     _known.clear()
+
+
+@contextmanager
+def unedited() -> Iterator[None]:
+    """Keep all digests, because nothing that is read is edited inside.
+
+    Blender names what is hidden, or linked to another collection, as it does what is edited.
+    """
+    global changes
+    known = dict(_known)
+    changes_before = changes
+    try:
+        yield
+    finally:
+        _known.clear()
+        _known.update(known)
+        changes = changes_before
 
 
 @handler

@@ -1,13 +1,15 @@
 """What the characters of a scene and their LODs are, as named inputs of plans, builds and LODs."""
 
 import time as clock
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import suppress
 from functools import partial
+from typing import Any
 
 import bpy
 
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.progress import Made, finished
 from ..blender import named_actions, performance, provenance, scene_cache
 from ..machine.scene_world import actions_named
 from .characters import GROUP, all_characters
@@ -24,13 +26,18 @@ def cast_inputs(scene: bpy.types.Scene) -> dict[str, str]:
     Of a scene without usable characters they are none. A change that Blender does not tell of is
     seen a second later; provenance.look_afresh() sees all.
     """
+    return finished(reading(scene))
+
+
+def reading(scene: bpy.types.Scene) -> Generator[float, None, dict[str, str]]:
+    """Read what is not known of characters and LODs: yield between parts, return cast_inputs."""
     now = clock.monotonic()
     until, changes, inputs = _known.get(scene.session_uid, (now, -1, {}))
     if now >= until or changes != provenance.changes:
-        inputs = dict(_looked(scene))
-        took = clock.monotonic() - now
+        changes = provenance.changes
+        took, inputs = yield from _timed(_reading(scene))
         scene_cache.tidy()
-        _known[scene.session_uid] = now + PAUSE * max(1.0, took / SHARE), provenance.changes, inputs
+        _known[scene.session_uid] = now + PAUSE * max(1.0, took / SHARE), changes, inputs
     return inputs
 
 
@@ -43,18 +50,31 @@ def reading_afresh(scene: bpy.types.Scene) -> Iterator[float]:
     yield from reading(scene)
 
 
-def reading(scene: bpy.types.Scene) -> Iterator[float]:
-    """Read what is not known of characters and LODs, so that cast_inputs answers quickly.
+def _timed(steps: Generator[Any, None, Made]) -> Generator[float, None, tuple[float, Made]]:
+    """Take the steps: yield between them, return (the seconds that they took, their result)."""
+    took = 0.0
+    while True:
+        began = clock.monotonic()
+        try:
+            next(steps)
+        except StopIteration as end:
+            return took + clock.monotonic() - began, end.value
+        took += clock.monotonic() - began
+        yield 0.0
 
-    Yields between the parts.
-    """
+
+def _reading(scene: bpy.types.Scene) -> Generator[float, None, dict[str, str]]:
+    """Read all that is not known; yield between parts."""
+    inputs = {}
     with suppress(CrowdError):  # missing characters are told elsewhere
         for character in all_characters(scene):
             for item in character.objects:
-                provenance.read_shape(item)
+                yield from provenance.reading_shape(item)
                 yield 0.0
-    for _ in _looked(scene):
+    for name, digest in _looked(scene):
+        inputs[name] = digest
         yield 0.0
+    return inputs
 
 
 def of_characters(inputs: dict[str, str]) -> dict[str, str]:
@@ -72,10 +92,12 @@ def _actions(scene: bpy.types.Scene, name: str, objects: list[bpy.types.Object])
 def _looked(scene: bpy.types.Scene) -> Iterator[tuple[str, str]]:
     with suppress(CrowdError):  # missing characters are told elsewhere
         cast = {}
-        for name, objects, _, _, _, given in all_characters(scene):
+        for character in all_characters(scene):
+            name = character.name
+            objects = character.objects
             cast[name] = objects
             read_actions = partial(_actions, scene, name, objects)
-            lods = [item for lod in given for item in lod.objects]
+            lods = [item for lod in character.given_lods for item in lod.objects]
             yield (
                 CHARACTER + name,
                 provenance.character_digest([*objects, *lods], read_actions),

@@ -15,6 +15,7 @@ from ..blender.props import Variant, variants_of
 from ..blender.references import closure_of
 from ..machine import terrain_source
 from .given_lods import CharacterGroup, GivenLod, Owner, with_given_lods
+from .wardrobe import parts_of, slots_in
 
 # custom property of a LOD's collection of one character group: the group's name
 GROUP = "crowd_lod_group"
@@ -29,6 +30,7 @@ class Character(NamedTuple):
     variant_of: the group's name, "" for the variant without props.
     chance: that an agent of the group is this variant.
     given: LODs that an artist made of it, the finer ones first.
+    slot, excludes: of a part that agents wear, see wardrobe.Part; of others "" and none.
     """
 
     name: str
@@ -37,6 +39,8 @@ class Character(NamedTuple):
     variant_of: str
     chance: float
     given_lods: tuple[GivenLod, ...] = ()
+    slot: str = ""
+    excludes: tuple[str, ...] = ()
 
 
 def characters_of(
@@ -47,7 +51,7 @@ def characters_of(
 
 
 def all_characters(scene: bpy.types.Scene) -> list[Character]:
-    """Return the character groups of `scene`, sorted by name, each followed by its variants.
+    """Return the character groups of `scene`, sorted by name, each with its variants, then parts.
 
     A group is a child collection of the characters' collection, or one of its objects with all that
     is parented to it. What is_stage is left out. CrowdError if there is no usable group.
@@ -68,19 +72,7 @@ def all_characters(scene: bpy.types.Scene) -> list[Character]:
         )
     cast = []
     for group in groups:
-        name = group.owner.name
-        lods = [
-            {variant.name: variant for variant in _variants(top, group.owner, lod.objects)}
-            for lod in group.lods
-        ]
-        for variant in _variants(top, group.owner, group.members):
-            given = tuple(
-                GivenLod(variants[variant.name].objects, lod.offset)
-                for lod, variants in zip(group.lods, lods, strict=True)
-                if variant.name in variants  # else its props are others
-            )
-            variant_of = name if variant.name != name else ""
-            cast.append(Character(*variant[:2], group.origin, variant_of, variant.chance, given))
+        cast += _family(top, group)
     names = [character.name for character in cast]
     for name in names:
         if names.count(name) > 1:
@@ -93,6 +85,45 @@ def all_characters(scene: bpy.types.Scene) -> list[Character]:
             f"{MOST_GROUPS}."
         )
     return cast
+
+
+def _family(top: bpy.types.Collection, group: CharacterGroup) -> Iterator[Character]:
+    """Yield a character group in `top`: its variants by props, then the parts that agents wear."""
+    name = group.owner.name
+    slots = slots_in(group.owner)
+    worn = {item for home in slots.values() for item in home.all_objects}
+    worn |= {child for item in worn for child in item.children_recursive}
+    members = [item for item in group.members if item not in worn]
+    lods = [
+        {
+            variant.name: variant
+            for variant in _variants(
+                top, group.owner, [item for item in lod.objects if item not in worn]
+            )
+        }
+        for lod in group.lods
+    ]
+    bodies = _variants(top, group.owner, members)
+    for variant in bodies:
+        given = tuple(
+            GivenLod(variants[variant.name].objects, lod.offset)
+            for lod, variants in zip(group.lods, lods, strict=True)
+            if variant.name in variants  # else its props are others
+        )
+        variant_of = name if variant.name != name else ""
+        yield Character(*variant[:2], group.origin, variant_of, variant.chance, given)
+    if slots:
+        shapes = parts(group.owner, group.members)
+        for part in parts_of(group.owner, slots, shapes, bodies[0].objects):
+            yield Character(
+                part.name,
+                part.objects,
+                group.origin,
+                name,
+                part.chance,
+                slot=part.slot,
+                excludes=part.excludes,
+            )
 
 
 def _variants(
@@ -173,8 +204,8 @@ def check_measured(cast: Sequence[tuple], groups: Sequence[Group]) -> None:
     """Raise CrowdError if `cast`, the scene's characters, are others than the measured groups."""
     if [each[0] for each in cast] != [group.name for group in groups]:
         raise CrowdError(
-            "The character groups or their props have changed: press Populate, then Make LOD "
-            "Meshes."
+            "The character groups, their props or slots have changed: press Populate, then Make "
+            "LOD Meshes."
         )
 
 
@@ -187,5 +218,13 @@ def props_outdated(scene: bpy.types.Scene) -> Iterator[str]:
         cast = all_characters(scene) if len(groups) else []
         now = {each.name: each.chance for each in cast if each.variant_of}
         before = {group.name: group.chance for group in groups if group.variant_of}
-        if now.keys() != before.keys() or any(abs(now[name] - before[name]) > FINE for name in now):
-            yield "The characters' props have changed: press Populate."
+        slots = {group.name: (group.slot, group.excludes) for group in groups}
+        other_slots = any(
+            slots.get(each.name, ("", "")) != (each.slot, ", ".join(each.excludes)) for each in cast
+        )
+        if (
+            other_slots
+            or now.keys() != before.keys()
+            or any(abs(now[name] - before[name]) > FINE for name in now)
+        ):
+            yield "The characters' props or slots have changed: press Populate."

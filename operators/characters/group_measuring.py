@@ -11,6 +11,7 @@ import numpy as np
 from ...crowd_lod.crowd.agents import Action, Group
 from ...crowd_lod.crowd.maps import FARTHEST
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import number
 from ...crowd_lod.progress import aside, finished, share, standing
 from ..blender import scene_data, stored_values
 from ..blender.named_actions import performance_of
@@ -62,7 +63,13 @@ def measuring_groups(
         measured: dict[str, Any] = {}
         if character.name in earlier:
             measured = {key: getattr(earlier[character.name], key) for key in KEPT}
-        groups[character.name] = replace(group, chance=character.chance, **measured)
+        groups[character.name] = replace(
+            group,
+            chance=character.chance,
+            slot=character.slot,
+            excludes=character.excludes,
+            **measured,
+        )
     return tuple(groups.values())
 
 
@@ -104,6 +111,11 @@ def _measuring_group(
             group, height=float(np.median([np.ptp(pose[:, 2]) for pose in acts[0].poses]))
         )
     if base:
+        if character.slot and not np.isclose(group.period, base.period, rtol=1e-5):
+            raise CrowdError(
+                f"The part {name} moves by itself: its action lasts {number(group.period)} s, and "
+                f"that of {base.name} {number(base.period)} s. Let the rig alone move it."
+            )
         return replace(
             group, stride=base.stride, actions=base.actions, variant_of=character.variant_of
         )
@@ -147,8 +159,8 @@ def _acted(
             posing(objects, frames_of(*span), performance), k / count, (k + 0.8) / count
         )
         soles: list[tuple[float, float]] = []
-        for number in SOLES:
-            looking = posing(objects, frames_of(*span, number), performance, sole)
+        for count_of_points in SOLES:
+            looking = posing(objects, frames_of(*span, count_of_points), performance, sole)
             soles = yield from share(looking, (k + 0.8) / count, (k + 1) / count)
             if not hangs(soles):
                 break

@@ -6,6 +6,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.crowd.agents import Group
+from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import number
 from ..blender.animation import armatures_of
 from ..blender.named_actions import group_performance
@@ -76,17 +77,20 @@ def leads(characters: Characters, groups: Sequence[Group]) -> list[int]:
     they can.
 
     groups: as they were measured, of the `characters`.
-    CrowdError if a group has no such action any more.
+    CrowdError if a group has no such action any more, or a part moves otherwise than its group.
     """
     names = {group.name: g for g, group in enumerate(groups)}
     numbers = []
     for g, group in enumerate(groups):
         lead = names.get(group.variant_of, g)
-        numbers.append(
-            lead
-            if lead != g and _alike(characters, groups, lead, g) and not refusal(characters[g][1])
-            else g
-        )
+        reason = refusal(characters[g][1])
+        shares = lead != g and not reason and _alike(characters, groups, lead, g)
+        if group.slot and not shares:
+            raise CrowdError(
+                f"The part {group.name} would leave who wears it: "
+                f"{reason or 'its action lasts otherwise'}. Let the rig alone move it."
+            )
+        numbers.append(lead if shares else g)
     return numbers
 
 

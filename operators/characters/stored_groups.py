@@ -13,7 +13,7 @@ from ...crowd_lod.levels.assignment import MOST_LEVELS
 # and before `lowest`, without which it moves nothing.
 MEASURED = (
     *("name", "center", "radius", "stride", "period", "diagonal", "on_ground", "lowest"),
-    *("share", "scale", "variant_of", "chance"),
+    *("share", "scale", "variant_of", "chance", "slot"),
 )
 OF_EACH_LEVEL = "vertices", "triangles", "deviations", "bounds", "rms", "worst"
 # What users set: groups of the same name keep it.
@@ -61,6 +61,8 @@ def _group(entry, lead, count: int) -> Group:
         scale=(round(min(lead.scale), 6), round(max(lead.scale), 6)),
         variant_of=entry.variant_of,
         chance=round(entry.chance, 6),
+        slot=entry.slot,
+        excludes=tuple(entry.excludes.split(", ")) if entry.excludes else (),
         actions=tuple(
             Action(action.name, action.stride, action.period) for action in entry.actions
         ),
@@ -115,6 +117,7 @@ def store_groups(settings, groups: tuple[Group, ...]) -> None:
         entry = settings.groups.add()
         for name in MEASURED:
             setattr(entry, name, getattr(group, name))
+        entry.excludes = ", ".join(group.excludes)
         for name in OF_EACH_LEVEL:
             values = getattr(group, name)
             setattr(entry, name, (*values, *[0] * (MOST_LEVELS - len(values))))

@@ -102,6 +102,7 @@ def _add_shot(command: argparse.ArgumentParser, program: str) -> None:
     )
     # of the processes of --jobs
     command.add_argument("--into", type=to_path, help=argparse.SUPPRESS)
+    command.add_argument("--parent", type=int, default=0, help=argparse.SUPPRESS)
     command.add_argument("--threads", type=int, help=argparse.SUPPRESS)
 
 

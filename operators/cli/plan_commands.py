@@ -5,11 +5,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from ...crowd_lod.format import printable
-from ...crowd_lod.levels.budget_fit import Budget
 from ...crowd_lod.progress import share
 from ...crowd_lod.reporting import files, plan_comparison
 from ...crowd_lod.shot import plan_file
-from ..settings.budgets import budget_of
 from ..shot import shot_plan
 from ..shot.shot_survey import forget_parts
 from ..sources.record_points import with_record
@@ -48,15 +46,8 @@ def add_plan_shot(commands, program: str) -> None:
     add_setting(command, "--variety", "variety", "PART")
     add_setting(command, "--blur", "plan_blurred")
     add_setting(command, "--triangles", "budget_triangles", "N")
-    command.add_argument(
-        "--vertices",
-        type=float,
-        metavar="N",
-        help="at most so many vertices of characters in each frame",
-    )
-    command.add_argument(
-        "--lod0", type=int, metavar="N", help="at most so many agents at full detail in each frame"
-    )
+    add_setting(command, "--vertices", "budget_vertices", "N")
+    add_setting(command, "--lod0", "budget_finest", "N")
     add_setting(command, "--memory", "budget_memory", "MB")
 
 
@@ -105,7 +96,6 @@ def plan_shot(args, command: list[str]) -> dict:
     folder = files.absolute(args.out or Path(f"{stem}_plan"))
     request = replace(
         shot_plan.wanted_of(scene, folder, frames_of_shot(args, scene)),
-        budget=_budget(args, settings),
         keeps=True,
     )
     with files.staged(folder) as part:
@@ -128,15 +118,6 @@ def plan_shot(args, command: list[str]) -> dict:
         "frames": content["frames"],
         "summary": f"{shot_plan.sentence(planned)}\n{out}",
     }
-
-
-def _budget(args, settings) -> Budget:
-    """Return the budget of the settings, with the limits that only the command has."""
-    limits = {"vertices": args.vertices, "finest": args.lod0}
-    return replace(
-        budget_of(settings),
-        **{name: limit for name, limit in limits.items() if limit is not None},
-    )
 
 
 def explain_agent(args, command: list[str]) -> dict:

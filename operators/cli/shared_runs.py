@@ -31,7 +31,7 @@ RUN = "run.json"  # in it: which run they are of
 SHARED = "preview", "verify"  # the commands that are made in parts
 # Options, with the number of their values: those of a process that makes a part, and all that do
 # not change what is made.
-OF_PART = {"--part": 1, "--into": 1, "--threads": 1}
+OF_PART = {"--part": 1, "--into": 1, "--parent": 1, "--threads": 1}
 ASIDE = {**OF_PART, "--out": 1, "--jobs": 1, "--quiet": 0, "--json": 0}
 MOST_JOBS = 256
 
@@ -62,7 +62,7 @@ def sharing_of(
             raise CrowdError("A part is made by one process: leave out --jobs, or --part.")
         part = parse_part(args.part, frames)
         into = args.into or _parts(folder, args, command, key_of(args, command))
-        return Sharing(part=tuple(part), into=into, parent=os.getppid() if args.into else 0)
+        return Sharing(part=tuple(part), into=into, parent=args.parent)
     key = key_of(args, command)
     jobs = allowed(args.jobs)
     if jobs < args.jobs:
@@ -145,6 +145,8 @@ def worker_of(
             f"--part={','.join(map(str, frames))}",
             "--into",
             str(into),
+            "--parent",  # which may be dead before the process can ask who it is
+            str(os.getpid()),
         ]
         if args.plan is None and (into / plan_file.NAME).exists():
             arguments += "--plan", str(into)

@@ -14,6 +14,7 @@ from ...crowd_lod import __version__
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
 from ...crowd_lod.frame.frame_range import shot_frames
+from ...crowd_lod.progress import standing
 from ...crowd_lod.reporting import files
 from ...crowd_lod.reporting.farm_job import FarmJob, template, values
 from ..blender import console
@@ -176,7 +177,7 @@ class CROWDLOD_OT_write_farm_job(Stepwise, bpy.types.Operator):
         missing = [path.name for path in paths if not path.exists()]
         if missing:
             sentence += f" The scene reads files that are missing: {', '.join(missing[:3])}."
-        note_with_picture(scene, "farm", sentence, frames)
+        yield from standing(note_with_picture(scene, "farm", sentence, frames), 0.8)
         return f"{sentence} The job is in {place_of(folder)}; {README} says what it needs."
 
 

@@ -28,6 +28,8 @@ def lacks_of(scene: bpy.types.Scene, operator: str) -> list[Lack]:
         if not bpy.data.filepath:
             lacks.append(Lack("The file is not saved", "wm.save_mainfile"))
     lacks += [
-        Lack(f"{label}: {reason}", STEPS[label]) for label, reason in due.items() if label in STEPS
+        Lack(reason[:1].upper() + reason[1:], STEPS[label])
+        for label, reason in due.items()
+        if label in STEPS
     ]
     return lacks

@@ -112,9 +112,12 @@ class Measurements:
 
     def _guess(self, lengths: Sequence[float], usual: Sequence[float]) -> dict[str, Sequence]:
         """Guessed columns of LODs that deviate by `lengths`."""
+        triangles = self.guess_triangles(lengths, min(usual, default=USUALLY_LOST))
+        corners = self.value(0.0, "vertices") / max(self.value(0.0, "triangles"), 1)
         guesses: dict[str, Sequence] = {
             "bounds": lengths,
-            "triangles": self.guess_triangles(lengths, min(usual, default=USUALLY_LOST)),
+            "triangles": triangles,
+            "vertices": [round(corners * count) for count in triangles],
         }
         if "shaded" in self.kinds:
             pairs = [pair for pair in self._by_bound("shaded") if 0 < pair[1] < np.inf]

@@ -21,8 +21,9 @@ from .level_objects import discard
 from .methods import LEAST
 from .source_mesh import Source
 
-LEFT = 0.15  # part of a search that is left after the first measurement of the whole, on average
+LEFT = 0.1  # part of a search that is left after the first measurement of the whole, on average
 FITTED = 0.72  # part of a try of a length after which the whole is measured
+LEFT_OF_ROUND = 0.5  # part of the tries that is left after one, on average
 ROUNDS = 5  # tries of a length, at most, before the whole is measured
 # The whole is measured so many times at most. Each time tries aim at the length divided by this:
 # where no estimate sees what is lost, such as an arm, more triangles keep it.
@@ -319,29 +320,28 @@ class Search:
         Yields the progress.
         """
         for k in range(ROUNDS):
+            tried, estimated = (1 - LEFT_OF_ROUND ** (k + part) for part in (0.15, 0.6))
             near = length * self.nearness
             plans = [curve.next_tries(self.methods, near, about) for curve in self.curves]
             # each object by one method at a time
             for number in range(max(map(len, plans))):
                 attempts = yield from self._try(
-                    [tries[number : number + 1] for tries in plans], (k + 0.3) / ROUNDS
+                    [tries[number : number + 1] for tries in plans], tried
                 )
                 objects = [
                     new[0] if new else curve.best(near)
                     for new, curve in zip(attempts, self.curves, strict=True)
                 ]
-                yield from standing(self.by.read(), (k + 0.3) / ROUNDS)
+                yield from standing(self.by.read(), tried)
                 steps = self.by.estimate([attempt.item for attempt in objects], length)
-                estimate = yield from standing(steps, (k + 0.7) / ROUNDS)
+                estimate = yield from standing(steps, estimated)
                 for index, (new, curve) in enumerate(zip(attempts, self.curves, strict=True)):
                     for attempt in new:
-                        yield from standing(
-                            self._note(index, attempt, estimate), (k + 0.7) / ROUNDS
-                        )
+                        yield from standing(self._note(index, attempt, estimate), estimated)
                         if not curve.dispensable:
                             curve.known_tries[attempt.method].append(attempt)
             if not any(plans):
-                missed = yield from standing(self._miss_left_out(length), (k + 0.7) / ROUNDS)
+                missed = yield from standing(self._miss_left_out(length), estimated)
                 if k + 1 == ROUNDS or not missed:
                     return
 

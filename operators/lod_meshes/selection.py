@@ -2,7 +2,6 @@
 
 from collections.abc import Collection, Generator, Sequence
 from dataclasses import dataclass, replace
-from math import inf
 from typing import NamedTuple
 
 import bpy
@@ -26,6 +25,7 @@ from ...crowd_lod.levels.selection import (
     priced,
 )
 from ...crowd_lod.progress import standing
+from ...crowd_lod.shot.exceptions import lod_limits
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_data
 from ..blender.cameras import reading_cameras
@@ -36,6 +36,7 @@ from ..characters.holdings import holdings_of
 from ..characters.rig_needs import Characters
 from ..machine.scene_world import bias_of
 from ..scene.scene_crowd import characters_of
+from ..scene.shot_exceptions import chosen_exemptions
 from ..settings.budgets import limits_levels
 
 MOST_FRAMES = 9  # of the shot, evenly, that are looked at
@@ -73,6 +74,8 @@ def views(
         looked_at = spread_evenly(scene_data.frames_of(scene), MOST_FOR_BUDGET)
     else:
         looked_at = spread_evenly(scene_data.frames_of(scene, settings.step), MOST_FRAMES)
+    frames = scene_data.frames_of(scene)
+    exemptions = chosen_exemptions(scene, trajectory, frames) if limits_levels(settings) else ()
     bias = bias_of(settings)
     cameras = yield from standing(reading_cameras(scene, looked_at), 0.0)
     center, radius = (
@@ -91,17 +94,19 @@ def views(
     for number, (frame, eyes) in enumerate(zip(looked_at, cameras, strict=True), start=1):
         crowd = trajectory.at(frame)
         visible, distance = radar(crowd, eyes, center, radius)
+        finest, coarsest, hidden = lod_limits(exemptions, frame, len(crowd))
         if bias is not None:
             distance = distance * bias.at(crowd.x, crowd.y)
         for g, group_views in enumerate(views_of):
-            agents = np.flatnonzero(visible & (crowd.group == g))
+            agents = np.flatnonzero(visible & ~hidden & (crowd.group == g))
             if len(agents):
                 away = distance[agents]
                 pose = (
                     library.character_of(gaits, crowd, trajectory.seconds(frame), agents) - first[g]
                 )
                 nearest = float(away.min())
-                view = View(eyes[0], nearest, float(away.max()), away, pose, frame=frame)
+                lods = np.stack([finest[agents], coarsest[agents]], axis=1).astype(np.intp)
+                view = View(eyes[0], nearest, float(away.max()), away, pose, 1, frame, lods)
                 group_views.append(view.counted() if len(looked_at) > MOST_FRAMES else view)
         yield number / len(looked_at)
     costs = costs_of(scene)
@@ -137,8 +142,7 @@ def cast_of(characters: Characters, trajectory: Trajectory) -> Library:
 class Limits(NamedTuple):
     """What the choice keeps within: the settings of these names, as they are now.
 
-    tolerance: pixels; memory: MB, 0 for no limit; budget: of each frame, its triangles and agents
-    at LOD 0.
+    tolerance: pixels; memory: MB, 0 for no limit; budget: of each frame.
     """
 
     tolerance: float
@@ -191,10 +195,9 @@ def choose_candidates(
     """
     choice = _choose_by_tolerance(limits, groups, shots, meters, measured, given)
     known_shots = [shot for shot in shots if shot is not None]
-    if not known_shots or replace(limits.budget, memory=inf) == Budget():
+    if not known_shots or limits.budget == Budget():
         return choice
-    views_of = [shot.views for shot in known_shots]
-    search = BudgetSearch(groups, views_of, limits.budget, measured, given)
+    search = BudgetSearch(groups, known_shots, limits.budget, measured, given)
     keep, reached = search.fit(choice.keep, max(round(limits.tolerance, 6), choice.tolerance))
     if keep == choice.keep:
         return choice

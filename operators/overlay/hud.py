@@ -64,11 +64,12 @@ def figures(
     notes: sentences for the user.
     worst: pixels by which LODs in sight deviate at most; None if that is not known.
     """
-    agents = frame.crowd.there
-    visible = len(frame.buckets.order)
+    agents = frame.people
+    people = frame.without_worn(frame.buckets)
+    visible = len(people.order)
     culled = (agents - visible) / agents if agents else 0.0
     lines = [Line(f"{counted(agents, 'agent')}, {visible:,} visible, {culled:.1%} culled")]
-    counts = enumerate(frame.buckets.counts)
+    counts = enumerate(people.counts)
     lines += [
         Line(f"LOD {k}  {count:,}", colors.of_name(k) if colors.by_lod else None)
         for k, count in counts

@@ -16,11 +16,12 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import note_of, unplanned_notes
-from ...crowd_lod.progress import share
+from ...crowd_lod.progress import share, standing
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import frame_stepping, mesh_data, scene_data
 from ..blender.cleanup import removed_on_failure
 from ..blender.ownership import remove_owned
+from ..characters.cast_provenance import reading, reading_afresh
 from ..scene import lights
 from ..scene.scene_crowd import frame_of, policy_of, trajectory_of
 from ..sources.record_points import on_record
@@ -72,13 +73,15 @@ def bake(
         moments = yield from share(_compute(scene, library, frames, strict), 0.2, 0.8)
     selection = _select_characters(scene, moments.rows)
     cast = yield from share(make_cast(scene, selection, read), 0.8, 0.99)
-    trim_actions(cast.rigs, [scene_data.remap(scene.render, number) for number in frames])
+    times = [scene_data.remap(scene.render, number) for number in frames]
+    with removed_on_failure(cast.names):
+        yield from standing(trim_actions(cast.rigs, times), 0.99)
+        yield from standing(reading_afresh(scene), 0.99)
     top = install(scene, cast)
     mark(scene, frames)
     _write(top, moments)
     dress_all(scene)
     cast.notes.extend(filter(None, [unplanned_notes(moments.unplanned)]))
-    yield 1.0
     return cast
 
 
@@ -206,7 +209,8 @@ def _compute(
         for k, number in enumerate(frames):
             way = approach(trajectory, scene_data.remap(scene.render, number))
             yield from share(way, k / len(frames), (k + 0.9) / len(frames))
-            frame = _plan(scene, trajectory, number, at, moments)
+            planning = _plan(scene, trajectory, number, at, moments)
+            frame = yield from standing(planning, (k + 0.9) / len(frames))
             moments.unplanned.append(note_of(number, frame.unplanned, strict))
             shutter = held_by(scene, trajectory, number, frame.crowd)
             for name, agents in members(frame).items():
@@ -228,10 +232,14 @@ def _plan(
     number: int,
     at: frame_stepping.At,
     moments: _Moments,
-) -> Frame:
-    """Return the plan of the frame `number`; note its cameras and lights in `moments`."""
+) -> Generator[float, None, Frame]:
+    """Plan the frame `number`; note its cameras and lights in `moments`.
+
+    Yields between steps.
+    """
     time = scene_data.remap(scene.render, number)
     film, around, shutter = lights.read_moment(scene, time, at)
+    yield from reading(scene)
     moments.cameras[number] = cameras_digest(film)
     if WORKBENCH not in around.left_out:  # which does not look for lights
         moments.lights[number] = lights_digest(around)

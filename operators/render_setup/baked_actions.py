@@ -1,6 +1,6 @@
 """The actions of a bake's rigs hold the keys that its frames need, and no others."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import bpy
 import numpy as np
@@ -10,8 +10,8 @@ from .rig_models import ROUNDING, fill_curve
 EITHER_SIDE = 1.0  # frames before and after each baked one, for motion blur
 
 
-def trim_actions(rigs: Sequence[bpy.types.Object], times: Sequence[float]) -> None:
-    """Remove the keys of the rigs' actions that no frame of a bake needs.
+def trim_actions(rigs: Sequence[bpy.types.Object], times: Sequence[float]) -> Iterator[float]:
+    """Remove the keys of the rigs' actions that no frame of a bake needs; yield between curves.
 
     rigs: of rigs.perform; several share an action. times: of the frames, in frames of the
     animation. Between EITHER_SIDE before and after each of them all rigs move as before, to within
@@ -28,6 +28,7 @@ def trim_actions(rigs: Sequence[bpy.types.Object], times: Sequence[float]) -> No
         for bag in (bag for layer in action.layers for s in layer.strips for bag in s.channelbags):
             for curve in bag.fcurves:
                 _trim(curve, whole)
+                yield 0.0
 
 
 def _played(time_curve: bpy.types.FCurve, times: np.ndarray) -> np.ndarray:

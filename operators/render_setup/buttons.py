@@ -10,10 +10,10 @@ from ...crowd_lod.format import counted
 from ...crowd_lod.frame.frame_range import shot_frames
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.progress import Made, share, standing
-from ..blender import cleanup, frame_stepping, scene_data
+from ..blender import cleanup, frame_stepping, provenance, scene_data
 from ..blender.operator import Reporting, Stepwise
-from ..characters.cast_provenance import reading_afresh
-from ..characters.group_measuring import measure_groups
+from ..characters.cast_provenance import reading
+from ..characters.group_measuring import measuring_groups
 from ..characters.stored_groups import groups_of, store_groups
 from ..lod_meshes.make_lods import make_levels
 from ..overlay.crowd_picture import note_with_picture
@@ -52,7 +52,8 @@ def prepared(
     earlier_groups = groups_of(settings)
     lacks_levels = settings.levels is None
     dropped = settings.dropped
-    groups = earlier_groups or measure_groups(scene)
+    groups = earlier_groups or (yield from standing(measuring_groups(scene), 0.0))
+    yield from standing(reading(scene), 0.0)
     trajectory = trajectory_of(scene, groups)
     yield from standing(approach(trajectory, scene_data.time_of(scene)), 0.0)
     around = lights.read_surroundings(scene, layer.depsgraph, scene_data.time_of(scene))
@@ -66,10 +67,12 @@ def prepared(
             elif not earlier_groups:
                 store_groups(settings, groups)
             result = yield from share(work(), 0.3 if lacks_levels else 0.0, 1.0)
-            hide_characters(scene)
-            watch_points(scene)
+            # no more yields: what is half shown could not be put back
+            with provenance.unedited():
+                hide_characters(scene)
+                watch_points(scene)
+                layer.update()
             update(scene, layer.depsgraph)
-            yield from standing(reading_afresh(scene), 1.0)
             note_build(scene)
             finished = True
             return result
@@ -95,7 +98,8 @@ def build_live(scene: bpy.types.Scene) -> Generator[float, None, str]:
     layer.update()
     frame = frame_of(scene, layer.depsgraph, shutter=())
     sentences = (
-        f"{int(frame.visible.sum()):,} of {frame.crowd.there:,} agents stand in the scene.",
+        f"{len(frame.without_worn(frame.buckets).order):,} of {frame.people:,} agents stand in the "
+        "scene.",
         frame.unplanned,
         notes_on_cast(scene, cast),
         notes_on_characters(scene),
@@ -117,7 +121,7 @@ def bake_frames(scene: bpy.types.Scene) -> Generator[float, None, str]:
     )
     sentence = " ".join(filter(None, sentences))
     with suppress(CrowdError):  # the bake itself needs no folder
-        note_with_picture(scene, "bake", verdict, frames)
+        yield from standing(note_with_picture(scene, "bake", verdict, frames), 1.0)
     return sentence
 
 

@@ -32,6 +32,7 @@ from ...crowd_lod.progress import aside, share, standing
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import frame_stepping, scene_data
 from ..blender.machine_costs import costs_of
+from ..characters.cast_provenance import reading
 from ..characters.holdings import holdings_of
 from ..characters.stored_groups import groups_of
 from ..lod_meshes.selection import MOST_FRAMES, cast_of
@@ -277,6 +278,7 @@ def _look_at(
                 (number_done + 0.5) / len(numbers),
             )
             eyes, around, shutter = lights.read_moment(scene, time, at)
+            yield from standing(reading(scene), (number_done + 0.5) / len(numbers))
             for name, choice in choices.items():
                 planning = partial(plan, trajectory, eyes, choice.policy, time, shutter, bias)
                 frame = yield from aside(partial(surrounded, planning, around))

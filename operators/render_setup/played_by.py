@@ -1,6 +1,6 @@
 """What a build's rigs play: by this it is told whether they still play as the crowd's agents do."""
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 
 import bpy
 import numpy as np
@@ -30,20 +30,23 @@ def actions(trajectory: Trajectory) -> str:
     )
 
 
-def inputs(homes: Sequence[bpy.types.Collection], trajectory: Trajectory) -> list:
-    """Return all that rigs play, to compare as text: how, and the actions that states name.
+def inputs(
+    homes: Sequence[bpy.types.Collection], trajectory: Trajectory
+) -> Generator[float, None, list]:
+    """Read all that rigs play: how, and the actions that states name.
+
+    Yields between the LODs, and returns it to compare as text.
 
     homes: the collections of the LODs.
     """
     if not any(trajectory.gaits.actions):
         return numbers(trajectory)
     groups = {group.name: group for group in trajectory.groups}
-    named = ((home.get(GROUP, home.name), list(home.objects)) for home in homes)
-    acts = [
-        named_actions.group_performance(groups[name], own) for name, own in named if name in groups
-    ]
-    return [
-        *numbers(trajectory),
-        actions(trajectory),
-        *(performance.digest(act.parts) for act in acts),
-    ]
+    digests = []
+    for home in homes:
+        name = home.get(GROUP, home.name)
+        if name in groups:
+            act = named_actions.group_performance(groups[name], list(home.objects))
+            digests.append(performance.digest(act.parts))
+            yield 0.0
+    return [*numbers(trajectory), actions(trajectory), *digests]

@@ -16,8 +16,9 @@ from ...crowd_lod.format import number as figure
 from ...crowd_lod.progress import share, standing
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import provenance, scene_data, stored_values
+from ..blender.cleanup import removed_on_failure
 from ..blender.ownership import OWNED, remove_owned
-from ..characters.cast_provenance import reading
+from ..characters.cast_provenance import reading, reading_afresh
 from ..characters.stored_groups import groups_of
 from ..lod_meshes.made_for import to_make_again
 from ..lod_meshes.make_lods import TINTS
@@ -150,12 +151,18 @@ def build(
     if complete:
         yield from standing(reading(scene), 0.0)
         of_plan = yield from share(meshes_of_plan(scene), 0.0, 0.2)
-        cast = _current_cast(scene, of_plan)
+        cast = yield from standing(_current_cast(scene, of_plan), 0.2)
     if cast is None:
         cast = yield from share(make_cast(scene, selection, of_plan=of_plan), 0.2, 1.0)
+    inputs = {}
+    if complete:
+        with removed_on_failure(cast.names):
+            yield from standing(reading_afresh(scene), 1.0)
+            inputs = yield from standing(_inputs_of_characters(scene, of_plan), 1.0)
     top = install(scene, cast)
     if complete:
-        _note_inputs(scene, top, cast, of_plan)
+        provenance.keep(top, MADE_OF, inputs | _shown(top))
+        top[NOTES] = "\n".join(cast.notes)
     return cast
 
 
@@ -166,9 +173,12 @@ def check_scene(scene: bpy.types.Scene) -> None:
     check_build(scene)
 
 
-def _current_cast(scene: bpy.types.Scene, of_plan: np.ndarray | None) -> Cast | None:
+def _current_cast(
+    scene: bpy.types.Scene, of_plan: np.ndarray | None
+) -> Generator[float, None, Cast | None]:
     """Return the Cast of the scene's build, without characters, or None if it is out of date.
 
+    Yields between steps.
     of_plan: here and below, what meshes_of_plan returns.
     Posed meshes and scaled images are always made anew.
     """
@@ -178,33 +188,35 @@ def _current_cast(scene: bpy.types.Scene, of_plan: np.ndarray | None) -> Cast | 
         return None
     if MADE_OF not in top or np.any(np.ravel(top.get(POSED, 1))):
         return None
-    if not provenance.is_made_of(top, MADE_OF, _inputs_of_characters(scene, top, of_plan)):
+    inputs = yield from _inputs_of_characters(scene, of_plan)
+    if not provenance.is_made_of(top, MADE_OF, inputs | _shown(top)):
         return None
     return Cast(np.array(top[POSED], np.intp), [], notes=str(top.get(NOTES, "")).splitlines())
 
 
-def _note_inputs(
-    scene: bpy.types.Scene, top: bpy.types.Collection, cast: Cast, of_plan: np.ndarray | None
-) -> None:
-    """Keep with the build what its characters were made of, so that they are not made again."""
-    provenance.keep(top, MADE_OF, _inputs_of_characters(scene, top, of_plan))
-    top[NOTES] = "\n".join(cast.notes)
-
-
 def _inputs_of_characters(
-    scene: bpy.types.Scene, top: bpy.types.Collection, of_plan: np.ndarray | None
-) -> dict[str, str]:
-    """Return digests, by name, of all that the characters of the build `top` depend on."""
+    scene: bpy.types.Scene, of_plan: np.ndarray | None
+) -> Generator[float, None, dict[str, str]]:
+    """Read all that the characters of a build depend on, but for what it shows.
+
+    Yields between steps, and returns digests by name.
+    """
     settings = scene.crowd_lod
     policy = policy_of(settings)
     homes = [home for level in settings.levels.children[: policy.count] for home in level.children]
-    played = played_by.inputs(homes, trajectory_of(scene))
+    played = yield from played_by.inputs(homes, trajectory_of(scene))
+    levels = made_of(homes, played)
+    yield 0.0
     return {
-        "the LOD meshes": made_of(homes, played),
+        "the LOD meshes": levels,
         "the shot plan": "" if of_plan is None else provenance.text_digest(of_plan.tolist()),
         "the settings": provenance.text_digest(policy.finest, settings.scale_textures),
-        "the build": shown_by(top),
     }
+
+
+def _shown(top: bpy.types.Collection) -> dict[str, str]:
+    """Return the digest of what the build `top` shows, by its name."""
+    return {"the build": shown_by(top)}
 
 
 def install(scene: bpy.types.Scene, cast: Cast) -> bpy.types.Collection:

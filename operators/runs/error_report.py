@@ -20,13 +20,13 @@ from ...crowd_lod.format import counted, printable
 from ...crowd_lod.frame.frame_range import spread_evenly
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.levels.assignment import LevelPolicy
-from ...crowd_lod.progress import share
+from ...crowd_lod.progress import share, standing
 from ...crowd_lod.reporting import error_plots
 from ...crowd_lod.reporting import files as outputs
 from ...crowd_lod.reporting import tables as report
 from ...crowd_lod.validation import culling_audit, error_vs_runtime, extreme_cases, stiff_behavior
 from ..blender import cameras, scene_data
-from ..characters.group_measuring import measure_groups
+from ..characters.group_measuring import measuring_groups
 from ..characters.stored_groups import store_groups
 from ..scene.scene_crowd import policy_of, trajectory_of
 
@@ -46,7 +46,8 @@ def error(
     """
     with outputs.staged(folder) as stage:
         cameras.active_camera(scene)
-        store_groups(scene.crowd_lod, measure_groups(scene))
+        groups = yield from standing(measuring_groups(scene), 0.0)
+        store_groups(scene.crowd_lod, groups)
         walk = _walk_of(scene)
         views = yield from share(_views(scene), 0.0, 0.5)
         crowd = error_vs_runtime.thin_out(walk.start, MOST_AGENTS)

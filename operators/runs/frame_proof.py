@@ -2,6 +2,7 @@
 
 from collections.abc import Generator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,16 +12,17 @@ import numpy as np
 from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import HIDDEN, note_of
-from ...crowd_lod.progress import share
+from ...crowd_lod.progress import aside, share, standing
 from ...crowd_lod.validation import image_difference
 from ...crowd_lod.validation.judged_agents import JudgedAgent, choose_agents
 from ...crowd_lod.validation.render_proof import agents_row
 from ..blender import frame_stepping, image_data, mesh_data, scene_data
+from ..characters.cast_provenance import reading
 from ..render_setup import bake, frame_update, render_setup
 from ..scene import lights
 from ..scene.scene_crowd import frame_of, policy_of, trajectory_of
 from ..scene.shot_reference import stored_plan
-from .lone_agents import LoneStage, Shown, lone_crops, sheet_of
+from .lone_agents import LoneStage, Shown, lone_crop, sheet_of
 from .verify_build import MADE, Columns, ProvedBuild, columns_of_members, seen_by_kind
 from .verify_notes import DISPLACED, displaced_materials
 from .verify_pictures import COMPARED, PICTURES, amplified, render_picture, small
@@ -67,6 +69,7 @@ class Proof:
         render_setup.dress_all(scene)
         # it holds what is written here, not what the frame asks
         self.full = settings.build
+        self.full.hide_viewport = True  # renders alone show it
         settings.build = None
         add_twins(scene, self.full)
         if self.proved.kind == MADE:
@@ -92,6 +95,7 @@ class Proof:
         time = scene_data.remap(scene.render, number)
         yield from share(approach(trajectory, time), 0.0, 0.1)
         film, around, shutter = lights.read_moment(scene, time, self.at)
+        yield from standing(reading(scene), 0.1)
         planned = frame_of(scene, self.at((), time), time, film, trajectory, around, shutter)
         poses = frame_update.held_by(scene, trajectory, number, planned.crowd)
         rows = self.proved.rows(trajectory, planned, poses, number)
@@ -110,9 +114,10 @@ class Proof:
         row |= differences
         judged_agents, pairs = self._choose(number, planned, poses, rows)
         crops = []
-        for crop in lone_crops(self.alone, number, judged_agents, pairs):
+        for judged, pair in zip(judged_agents, pairs, strict=True):
+            progress = 1 - CROPS * (1 - len(crops) / len(pairs))
+            crop = yield from standing(lone_crop(self.alone, number, judged, pair), progress)
             crops.append(crop)
-            yield 1 - CROPS * (1 - len(crops) / len(pairs))
         agents = [crop.facts for crop in crops]
         row |= agents_row(agents, _tolerance(scene, planned))
         rounded = row["b_largest"] <= DISPLACED and bool(displaced_materials(scene))
@@ -121,7 +126,8 @@ class Proof:
         pictures = self.pictures(number)
         if crops:
             pictures.append(self.folder / f"frame_{number:04d}_agents.png")
-            image_data.save_png(pictures[-1], sheet_of(crops))
+            sheet = yield from standing(sheet_of(crops), 1.0)
+            image_data.save_png(pictures[-1], sheet)
         account = {
             "row": row,
             "agents": agents,
@@ -174,9 +180,11 @@ class Proof:
                     )
                 yield (times + (pictures_done + 1) / len(PICTURES)) / (1 + (bounces > 0))
             for name in COMPARED:
-                difference = image_difference.difference_of(shot["a"], shot[name])
+                yield (times + 1) / (1 + (bounces > 0))
+                differing = partial(image_difference.difference_of, shot["a"], shot[name])
+                difference = yield from aside(differing)
                 row |= {f"{name}{ending}_{key}": value for key, value in vars(difference).items()}
-                picture = amplified(shot["a"], shot[name])
+                picture = yield from aside(partial(amplified, shot["a"], shot[name]))
                 image_data.save_png(
                     self.folder / f"frame_{number:04d}_a_{name}{ending}.png", picture
                 )

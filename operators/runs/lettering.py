@@ -1,10 +1,11 @@
 """Words over pictures in Blender's own font, and contact sheets with titles, labels and legends."""
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 
 import bpy
 import numpy as np
 
+from ...crowd_lod.progress import aside
 from ...crowd_lod.reporting.tables import SHEET, contact_sheet
 from ...crowd_lod.simplification import rasterizer
 from ..blender import mesh_data
@@ -84,20 +85,25 @@ def labeled_sheet(
     titles: Sequence[str] = (),
     labels: Sequence[str] = (),
     legends: Sequence[Legend] = (),
-) -> np.ndarray:
-    """Return a contact sheet of `pictures`, (rows, columns, 4) uint8, bottom row first.
+) -> Generator[float, None, np.ndarray]:
+    """Make a contact sheet of `pictures`: yield between steps, return it.
+
+    It is (rows, columns, 4) uint8, bottom row first.
 
     titles: above each column; () without.
     labels: left of each row, of one or more lines; () without.
     legends: below, each in lines of its own.
     """
-    sheet = contact_sheet(pictures, columns, GAP)
+    sheet = yield from aside(lambda: contact_sheet(pictures, columns, GAP))
     if titles:
-        sheet = np.concatenate([sheet, _titles(titles, sheet.shape[1])])
+        strip = yield from _titles(titles, sheet.shape[1])
+        sheet = np.concatenate([sheet, strip])
     if labels:
-        sheet = np.concatenate([_labels(labels, sheet.shape[0], bool(titles)), sheet], axis=1)
+        strip = yield from _labels(labels, sheet.shape[0], bool(titles))
+        sheet = np.concatenate([strip, sheet], axis=1)
     for legend in legends:
-        sheet = np.concatenate([_legend(legend, sheet.shape[1]), sheet])
+        strip = yield from _legend(legend, sheet.shape[1])
+        sheet = np.concatenate([strip, sheet])
     return sheet
 
 
@@ -113,16 +119,19 @@ def _pixels(sheet: np.ndarray) -> np.ndarray:
     return pixels
 
 
-def _titles(titles: Sequence[str], width: int) -> np.ndarray:
+def _titles(titles: Sequence[str], width: int) -> Generator[float, None, np.ndarray]:
+    """Write the titles side by side; yield between them."""
     strip = _blank(LINE, width)
     cell = (width - GAP) / len(titles)
     for number, title in enumerate(titles):
         middle = GAP + cell * number + (cell - GAP) / 2
         write(strip, title, (middle, 5.0), align="CENTER", widest=cell - 2 * GAP)
+        yield 0.0
     return _pixels(strip)
 
 
-def _labels(labels: Sequence[str], height: int, titled: bool) -> np.ndarray:
+def _labels(labels: Sequence[str], height: int, titled: bool) -> Generator[float, None, np.ndarray]:
+    """Write the labels below each other; yield between them."""
     lines_of = [label.split("\n") for label in labels]
     widest = max(_length(line) for lines in lines_of for line in lines)
     strip = _blank(height, int(widest) + 2 * GAP)
@@ -132,11 +141,15 @@ def _labels(labels: Sequence[str], height: int, titled: bool) -> np.ndarray:
         first = middle + LINE * (len(lines) / 2 - 1) + 5
         for k, line in enumerate(lines):
             write(strip, line, (GAP, first - LINE * k))
+            yield 0.0
     return _pixels(strip)
 
 
-def _legend(legend: Legend, width: int) -> np.ndarray:
-    """Return the lines of a legend, as wide as the sheet: each color's square before its name."""
+def _legend(legend: Legend, width: int) -> Generator[float, None, np.ndarray]:
+    """Write the lines of a legend, as wide as the sheet: each color's square before its name.
+
+    Yields between the names.
+    """
     lines = [_blank(LINE, width)]
     right = float(GAP)
     for name, color in legend:
@@ -151,4 +164,5 @@ def _legend(legend: Legend, width: int) -> np.ndarray:
             lines[-1][4:16, left : left + 12] = to_srgb(linear)[:3]
         end = write(lines[-1], name, (right + LINE - 4, 5.0), widest=width - right - LINE)
         right = end + 3 * GAP
+        yield 0.0
     return _pixels(np.concatenate(lines[::-1]))

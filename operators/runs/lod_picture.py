@@ -3,12 +3,14 @@
 One row shows the meshes with their edges, the other is tinted by the distance to the source.
 """
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from ...crowd_lod.format import number
+from ...crowd_lod.progress import aside
 from ...crowd_lod.simplification import rasterizer
 from ..lod_meshes.surface import Surface
 from ..lod_meshes.worst_place import InPose
@@ -47,8 +49,9 @@ def draw_lods(
     notes: Sequence[str],
     azimuth: float,
     meters: float = 1.0,
-) -> tuple[np.ndarray, float]:
-    """Draw all LODs of a character; return (picture, meters of the brightest color).
+) -> Generator[float, None, tuple[np.ndarray, float]]:
+    """Draw all LODs of a character: yield between steps, return (picture, meters of the brightest
+    color).
 
     The picture is (rows, columns, 4) uint8, bottom row first. The lower row shows how far each LOD
     deviates, its worst place ringed. Beneath LOD 0 it shows the surface that nobody sees.
@@ -62,14 +65,14 @@ def draw_lods(
     flat_points = [view.level.points @ axes.T for view in views]
     corners, scale, size = _fit(flat_points)
     fine = size[0] * SUPERSAMPLING, size[1] * SUPERSAMPLING
-    drawings = [
-        _look((points - corner) * scale * SUPERSAMPLING, view.level, fine)
-        for points, corner, view in zip(flat_points, corners, views, strict=True)
-    ]
-    deviations = [
-        _distances(view.character, view.level, *drawing[:3])
-        for view, drawing in zip(views, drawings, strict=True)
-    ]
+    drawings = []
+    deviations = []
+    for points, corner, view in zip(flat_points, corners, views, strict=True):
+        places = (points - corner) * scale * SUPERSAMPLING
+        drawing = yield from aside(partial(_look, places, view.level, fine))
+        measuring = partial(_distances, view.character, view.level, *drawing[:3])
+        deviations.append((yield from aside(measuring)))
+        drawings.append(drawing)
     most = meters * max((float(d.max(initial=0)) for d in deviations), default=0.0)
     layout = _Layout(len(views), *size)
     sheet = layout.blank()
@@ -80,14 +83,15 @@ def draw_lods(
         _draw_shaded(sheet, layout, k, drawings[k], tint)
         if deviations[k].any():
             up = (view.worst @ axes[1] - corners[k][1]) * scale
-            aside = (view.worst @ axes[0] - corners[k][0]) * scale
-            _ring(sheet, GAP + up, layout.left(k) + aside)
+            across = (view.worst @ axes[0] - corners[k][0]) * scale
+            _ring(sheet, GAP + up, layout.left(k) + across)
         elif view.hidden.any():
             inner = Surface(view.character.points, view.character.triangles[view.hidden])
             places = (inner.points @ axes.T - corners[k]) * scale * SUPERSAMPLING
             pixel, _, _, shade, _ = _look(places, inner, fine)
             _paste(sheet, GAP, layout.left(k), pixel, np.array(HIDDEN) * shade[:, None], size)
         _write_captions(sheet, layout, k, captions[k], notes[k])
+        yield 0.0
     if most:
         _draw_color_bar(sheet, layout, most)
     pixels = np.full((*sheet.shape[:2], 4), 255, np.uint8)

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.levels.assignment import pixels_of
-from ...crowd_lod.progress import share
+from ...crowd_lod.progress import aside, share, standing
 from ...crowd_lod.validation import silhouette
 from ..blender import image_data, scene_data
 from ..blender.material_colors import Looks
@@ -22,7 +23,7 @@ from ..lod_meshes.deviation import meshes_of
 from ..lod_meshes.level_objects import GIVEN
 from ..lod_meshes.posed_shapes import Posed
 from ..lod_meshes.posed_surface import PosedSurface
-from ..lod_meshes.shaded_pictures import alike, bodies_of
+from ..lod_meshes.shaded_pictures import Body, alike, bodies_of
 from ..lod_meshes.worst_place import InPose, look_in_pose
 from ..scene.scene_crowd import characters_of, policy_of
 from . import lod_picture
@@ -50,7 +51,7 @@ def tables(
     file_names: set[str] = set()
     settings = scene.crowd_lod
     finest = policy_of(settings).finest or [0] * len(groups)
-    pictured = min(len(groups), MOST_SHOWN) if settings.lod_pictures else 0
+    pictured = len(_pictured(scene, groups))
     for g, (group, (_, objects, origin)) in enumerate(
         zip(groups, characters_of(scene), strict=True)
     ):
@@ -68,10 +69,21 @@ def tables(
             views = yield from share(measuring, g / pictured, (g + 0.7) / pictured)
             if None not in views:
                 entry["picture"] = _file_name(group.name, g, file_names)
-                pixels = character.draw(entry["levels"], views)
+                drawing = character.draw(entry["levels"], views)
+                pixels = yield from standing(drawing, (g + 0.7) / pictured)
                 image_data.save_png(folder / entry["picture"], pixels)
             yield (g + 1) / pictured
     return entries
+
+
+def count_pictured(scene: bpy.types.Scene, groups: Sequence[Group]) -> int:
+    """Return of how many LODs `tables` draws pictures."""
+    return sum(len(group.triangles) for group in _pictured(scene, groups))
+
+
+def _pictured(scene: bpy.types.Scene, groups: Sequence[Group]) -> Sequence[Group]:
+    """Return the groups whose silhouettes are measured and that have a picture."""
+    return groups[:MOST_SHOWN] if scene.crowd_lod.lod_pictures else ()
 
 
 @dataclass
@@ -126,47 +138,74 @@ class _Pictured:
         views = []
         with Posed(self.objects, self.meshes, self.performance) as posed:
             # the LOD that deviates most gives LOD 0 its pose
-            for k in (len(rows) - 1, *range(1, len(rows))):
+            for done, k in enumerate((len(rows) - 1, *range(1, len(rows)))):
                 character, *levels = posed.shapes(self.group.worst[k])
-                if not views:
-                    counts = self.scene.crowd_lod.hidden_surface_counts
-                    whole = PosedSurface([character], counts)
-                    views.append(look_in_pose(whole, character, levels[0]))
-                    continue
-                views.append(look_in_pose(whole, character, levels[k]))
-                rows[k] |= self._measured(posed, k, rows[k]["predicted_px"] or 1.0, materials)
                 self.performance.rest()
-                yield k / len(rows)
+                if not done:
+                    whole = PosedSurface([character], self.scene.crowd_lod.hidden_surface_counts)
+                looking = aside(partial(look_in_pose, whole, character, levels[k if done else 0]))
+                views.append((yield from standing(looking, done / len(rows))))
+                if done:
+                    predicted = rows[k]["predicted_px"] or 1.0
+                    measuring = self._measured(posed, k, predicted, materials)
+                    rows[k] |= yield from standing(measuring, (done + 0.3) / len(rows))
         return views
 
-    def _measured(self, posed: Posed, k: int, predicted: float, materials: Looks) -> dict[str, Any]:
-        """Return what LOD `k` measures in its worst pose, where it begins; {} if it never does.
+    def _measured(
+        self, posed: Posed, k: int, predicted: float, materials: Looks
+    ) -> Generator[float, None, dict[str, Any]]:
+        """Measure LOD `k` in its worst pose, where it begins: yield between steps, return its part
+        of the row; {} if it never does.
 
         predicted: pixels that it should be off.
         """
         distance = _distance(self.camera, self.begins[k - 1], self.group.radius)
         character, levels = posed.at(self.group.worst[k])
         if distance is None or character is None or levels[k] is None:
+            self.performance.rest()
             return {}
+        bodies = self._bodies(posed, k, materials)
+        self.performance.rest()
         pair = (
             (at_size(shape.points, self.feet, self.largest), shape.triangles)
             for shape in (character, levels[k])
         )
-        least, most = silhouette.error(*pair, self.center, distance, self.camera, predicted)
-        size = (self.feet, self.largest)
-        return {
+        view = self.center, distance, self.camera
+        least, most = yield from aside(partial(silhouette.error, *pair, *view, predicted))
+        facts = {
             "measured_px": _known((least + most) / 2),
             "measured_px_between": [_known(least), _known(most)],
-        } | _seen(posed, k, materials, size, (self.center, distance, self.camera))
+        }
+        if None not in bodies:
+            comparing = partial(alike, *bodies, materials.images(), *view)
+            difference, similarity = yield from aside(comparing)
+            facts |= {"picture_difference": difference, "picture_similarity": similarity}
+        return facts
 
-    def draw(self, rows: list[dict[str, Any]], views: list[InPose]) -> np.ndarray:
-        """Return the picture of the LODs with their captions."""
+    def _bodies(self, posed: Posed, k: int, materials: Looks) -> list[Body | None]:
+        """Return the bodies of the character and of LOD `k` in their pose, as the largest agent has
+        them.
+        """
+        depsgraph = posed.stage.view_layers[0].depsgraph
+        bodies = [
+            bodies_of(objects, depsgraph, materials)
+            for objects in (posed.character, posed.levels[k])
+        ]
+        return [
+            body and replace(body, points=at_size(body.points, self.feet, self.largest))
+            for body in bodies
+        ]
+
+    def draw(
+        self, rows: list[dict[str, Any]], views: list[InPose]
+    ) -> Generator[float, None, np.ndarray]:
+        """Draw the LODs with their captions: yield between steps, return the picture."""
         captions = [f"{row['triangles']:,} triangles" for row in rows]
         notes = [f"hidden: {views[0].hidden.mean():.0%}"]
         notes += [f"worst: frame {row['worst_frame']:.1f}" for row in rows[1:]]
         azimuth = AZIMUTH - scene_data.rotation(self.scene.crowd_lod.forward)
         size = scene_data.meters(self.scene) * self.largest
-        pixels, _ = lod_picture.draw_lods(views, captions, notes, azimuth, size)
+        pixels, _ = yield from lod_picture.draw_lods(views, captions, notes, azimuth, size)
         return pixels
 
 
@@ -229,29 +268,6 @@ def at_size(points: np.ndarray, feet: np.ndarray, size: float) -> np.ndarray:
     them.
     """
     return feet + size * (points - feet)
-
-
-def _seen(
-    posed: Posed,
-    k: int,
-    materials: Looks,
-    size: tuple[np.ndarray, float],
-    view: tuple[np.ndarray, float, Camera],
-) -> dict:
-    """Return how LOD k's picture differs from the character's.
-
-    size: the feet (3,) and the size of the agent, see `at_size`.
-    view: the point (3,) that the camera looks at, from how many meters, and the camera.
-    """
-    depsgraph = posed.stage.view_layers[0].depsgraph
-    bodies = [
-        bodies_of(objects, depsgraph, materials) for objects in (posed.character, posed.levels[k])
-    ]
-    if None in bodies:
-        return {}
-    bodies = [replace(body, points=at_size(body.points, *size)) for body in bodies]
-    difference, similarity = alike(*bodies, materials.images(), *view)
-    return {"picture_difference": difference, "picture_similarity": similarity}
 
 
 def _known(number) -> float | None:

@@ -3,8 +3,9 @@ built.
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,8 @@ import numpy as np
 
 from ...crowd_lod.culling.camera import Camera, Window
 from ...crowd_lod.format import number
+from ...crowd_lod.progress import aside
+from ...crowd_lod.reporting import file_checks
 from ...crowd_lod.srgb import encoded
 from ...crowd_lod.validation import silhouette
 from ...crowd_lod.validation.judged_agents import JudgedAgent
@@ -134,6 +137,7 @@ class LoneStage:
             self.stage.render.filepath = str(self.path)
             with console.quiet(), bpy.context.temp_override(scene=self.stage):
                 bpy.ops.render.render(write_still=True)
+            file_checks.check(self.path)
             values = image_data.read_values(bpy.data.images.load(str(self.path)))
         self.path.unlink()
         return values
@@ -169,21 +173,21 @@ def _natural(collection: bpy.types.Collection) -> list:
     return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in parts if part]
 
 
-def lone_crops(
-    stage: LoneStage,
-    number: int,
-    judged_agents: Sequence[JudgedAgent],
-    pairs: Sequence[tuple[Shown, Shown | None]],
-) -> Iterator[LoneCrop]:
-    """Yield a LoneCrop of each of the chosen agents at the frame `number`.
+def lone_crop(
+    stage: LoneStage, number: int, judged: JudgedAgent, pair: tuple[Shown, Shown | None]
+) -> Generator[float, None, LoneCrop]:
+    """Crop one of the chosen agents at the frame `number`: yield the progress, return the crop.
 
-    pairs: of each, at full detail and as it was built.
+    pair: the agent at full detail and as it was built.
     """
-    for judged, (full, lod_item) in zip(judged_agents, pairs, strict=True):
-        finer, window, size = _finer(judged)
-        stage.look(judged.camera, window, size)
-        pictures = [stage.render(number, each) for each in (full, lod_item)]
-        yield LoneCrop(*pictures, facts_of(judged, *pictures, finer))
+    finer, window, size = _finer(judged)
+    stage.look(judged.camera, window, size)
+    full = stage.render(number, pair[0])
+    yield 0.5
+    as_built = stage.render(number, pair[1])
+    yield 1.0
+    facts = yield from aside(partial(facts_of, judged, full, as_built, finer))
+    return LoneCrop(full, as_built, facts)
 
 
 def _finer(judged: JudgedAgent) -> tuple[float, Window, tuple[int, int]]:
@@ -240,9 +244,10 @@ def facts_of(
     }
 
 
-def sheet_of(crops: Sequence[LoneCrop]) -> np.ndarray:
-    """Return the picture of the worst crops, (rows, columns, 4) uint8, the worst first.
+def sheet_of(crops: Sequence[LoneCrop]) -> Generator[float, None, np.ndarray]:
+    """Draw the worst crops, the worst first: yield between steps, return the picture.
 
+    It is (rows, columns, 4) uint8.
     Side by side: at full detail, as built, and where they differ, amplified.
     """
     tiles = []
@@ -250,14 +255,21 @@ def sheet_of(crops: Sequence[LoneCrop]) -> np.ndarray:
     for k in worst_agents([crop.facts for crop in crops]):
         crop = crops[k]
         step = max(1, int(np.ceil(max(crop.full.shape[:2]) / TILE)))
-        pair = [_over_gray(values[::step, ::step]) for values in (crop.full, crop.as_built)]
-        difference = amplified(*(picture / np.float32(255) for picture in pair))
-        tiles += [*pair, difference]
+        tiles += yield from aside(partial(_tiles, crop, step))
         labels.append(
             f"Agent {crop.facts['agent']:,}\nLOD {crop.facts['lod']}\n"
             f"{number(crop.facts['shift_px'])} px off"
         )
-    return labeled_sheet(tiles, len(AGENT_TITLES), AGENT_TITLES, labels)
+    return (yield from labeled_sheet(tiles, len(AGENT_TITLES), AGENT_TITLES, labels))
+
+
+def _tiles(crop: LoneCrop, step: int) -> list[np.ndarray]:
+    """Return the crop's two pictures and how they differ, each (rows, columns, 4) uint8.
+
+    step: pixels of the crop in one of these.
+    """
+    pair = [_over_gray(values[::step, ::step]) for values in (crop.full, crop.as_built)]
+    return [*pair, amplified(*(picture / np.float32(255) for picture in pair))]
 
 
 def _over_gray(values: np.ndarray) -> np.ndarray:

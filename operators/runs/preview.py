@@ -3,8 +3,9 @@
 import contextlib
 import tempfile
 import time as clock
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from ...crowd_lod.frame.frame_range import spread_evenly
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import note_of, unplanned_notes
 from ...crowd_lod.levels.assignment import deviations
-from ...crowd_lod.progress import share, standing
+from ...crowd_lod.progress import aside, share, standing
 from ...crowd_lod.reporting import tables
 from ...crowd_lod.reporting.frame_parts import FrameParts
 from ...crowd_lod.reporting.html_report import page
@@ -28,7 +29,8 @@ from ..blender import cameras, cleanup, frame_stepping, image_data, scene_data
 from ..blender.operator import Stepwise
 from ..blender.output_folders import output_folder, place_of
 from ..blender.output_index import note_output
-from ..characters.group_measuring import measure_groups
+from ..characters.cast_provenance import reading
+from ..characters.group_measuring import measuring_groups
 from ..characters.stored_groups import groups_of, store_groups
 from ..lod_meshes.deviation import measure_levels
 from ..lod_meshes.made_for import to_make_again
@@ -50,10 +52,10 @@ from .shared_frames import ALONE, Sharing, make_frames, state_of
 
 MOST_IN_SHEET = 24  # frames on the contact sheet
 BEHAVIOR = 0.9  # of a frame's time, where the way to it is long
-# of the progress: LODs made or measured, the shot planned, the LODs' pictures and table
+# of the progress: LODs made or measured, the shot planned
 LEVELS = 0.1
 PLANNED = 0.1
-LODS = 0.05
+LOD = 2.0  # frames of the preview that take as long as a LOD's picture and its row in the table
 MOST_PLANNED = (
     30_000_000  # agents times frames that a preview plans first; longer shots take Plan Shot
 )
@@ -101,7 +103,7 @@ def preview(
         if shot is not None:
             plan |= {key: shot_json(shot)[key] for key in ("made_for", "shot")}
         plan["seconds"] = round(clock.perf_counter() - started, 3)
-        _write(run, frames, plan, shot, legends)
+        yield from standing(_write(run, frames, plan, shot, legends), 0.95)
         yield 1.0
         return plan
 
@@ -151,8 +153,10 @@ def _picture(
             groups = first.trajectory.groups
             legends = legends_of(run.on.task.color, first)
             describing = lod_table.tables(stage, groups, first.camera, first.begins, run.folder)
-            lods = yield from share(describing, ready, ready + LODS)
-            ready += LODS
+            work = LOD * lod_table.count_pictured(stage, groups)
+            described = ready + (0.95 - ready) * work / (work + len(frames))
+            lods = yield from share(describing, ready, described)
+            ready = described
         making = make_frames(parts, frames, sharing, run.shots.prepare, run.shoot, helpers)
         pictured = yield from share(making, ready, 0.95)
     return lods, pictured, legends
@@ -180,8 +184,11 @@ def _write(
     plan: dict[str, Any],
     shot: PlannedShot | None,
     legends: list[Legend],
-) -> None:
-    """Write the preview's files: its table, its plan, its report, and a sheet of pictures."""
+) -> Iterator[float]:
+    """Write the preview's files: its table, its plan, its report, and a sheet of pictures.
+
+    Yields between steps.
+    """
     folder = run.folder
     report = page(plan) if shot is None else preview_page(shot.report, plan)
     rows = [frame["row"] for frame in frames]
@@ -189,7 +196,8 @@ def _write(
     (folder / "plan.json").write_text(tables.to_json(plan), encoding="utf-8")
     (folder / "report.html").write_text(report, encoding="utf-8")
     pictures = [run.pictures(number) for number in run.on.task.frames]
-    image_data.save_png(folder / "contact_sheet.png", _sheet(pictures, legends))
+    sheet = yield from _sheet(pictures, legends)
+    image_data.save_png(folder / "contact_sheet.png", sheet)
 
 
 def _with_levels(stage: bpy.types.Scene) -> Generator[float, None, float]:
@@ -201,7 +209,7 @@ def _with_levels(stage: bpy.types.Scene) -> Generator[float, None, float]:
     layer = stage.view_layers[0]
     settings = stage.crowd_lod
     layer.update()
-    store_groups(settings, measure_groups(stage))
+    store_groups(settings, (yield from standing(measuring_groups(stage), 0.0)))
     yield from standing(approach(trajectory_of(stage), scene_data.time_of(stage)), 0.0)
     frame_of(stage, layer.depsgraph)
     if (
@@ -267,18 +275,18 @@ class _Run:
         stage = self.on.stage
         main, above = self.pictures(number)
         yield from share(self.approach(number), 0.0, BEHAVIOR)
-        frame = self.planned(number)
-        ticks = [clock.perf_counter()]
-        self.shots.place(frame)
-        ticks.append(clock.perf_counter())
-        shade(stage, "TEXTURE" if self.on.task.color == "MATERIAL" else "OBJECT", "STUDIO")
+        frame = yield from standing(self.planned(number), BEHAVIOR)
         caption = stage.render.stamp_note_text = _caption(frame)
-        with sized(stage.render, self.on.size):
-            self.shots.main(main, caption)
-        ticks.append(clock.perf_counter())
-        self._shoot_above(frame, above, caption)
-        ticks.append(clock.perf_counter())
-        took = dict(zip(("points", "main", "above"), np.diff(ticks) * 1000, strict=True))
+        took = {}
+        for part, work in (
+            ("points", partial(self.shots.place, frame)),
+            ("main", partial(self._shoot_main, main, caption)),
+            ("above", partial(self._shoot_above, frame, above, caption)),
+        ):
+            yield BEHAVIOR
+            began = clock.perf_counter()
+            work()
+            took[part] = 1000 * (clock.perf_counter() - began)
         facts = {
             "row": tables.row(number, frame, took),
             "unplanned": note_of(number, frame.unplanned, self.on.task.strict),
@@ -294,10 +302,10 @@ class _Run:
     def at_first(self) -> Generator[float, None, Frame]:
         """Return the plan of the first frame; yield the progress of the way there."""
         yield from self.approach(self.on.task.frames[0])
-        return self.planned(self.on.task.frames[0])
+        return (yield from self.planned(self.on.task.frames[0]))
 
-    def planned(self, number: int) -> Frame:
-        """Set the stage to the frame; return its plan."""
+    def planned(self, number: int) -> Generator[float, None, Frame]:
+        """Set the stage to the frame: yield between steps, return its plan."""
         scene = self.on.scene
         stage = self.on.stage
         depsgraph = self.on.stage.view_layers[0].depsgraph
@@ -305,8 +313,16 @@ class _Run:
         stage.camera = cameras.still(cameras.bound_camera(scene, time), self.at((), time))
         scene.update_tag()  # what is driven by the scene follows it in the stage, too
         self.drawing.hide_render = self.drawing.hide_viewport = True
+        yield 0.0
         stage.frame_set(number)
+        yield from reading(stage)
         return frame_of(stage, depsgraph, around=lights.read_surroundings(stage, depsgraph, number))
+
+    def _shoot_main(self, path: Path, caption: str) -> None:
+        stage = self.on.stage
+        shade(stage, "TEXTURE" if self.on.task.color == "MATERIAL" else "OBJECT", "STUDIO")
+        with sized(stage.render, self.on.size):
+            self.shots.main(path, caption)
 
     def _shoot_above(self, frame: Frame, path: Path, caption: str) -> None:
         stage = self.on.stage
@@ -329,10 +345,10 @@ class _Run:
 
 
 def _caption(frame: Frame) -> str:
-    visible = int(frame.visible.sum())
+    visible = len(frame.without_worn(frame.buckets).order)
     error = worst_error(frame)
     worst = "" if error is None else f", at most {number(error)} px off"
-    return f"{visible:,} of {frame.crowd.there:,} in sight, {frame.triangles:,} triangles{worst}"
+    return f"{visible:,} of {frame.people:,} in sight, {frame.triangles:,} triangles{worst}"
 
 
 def verdict_in(plan: dict[str, Any]) -> str:
@@ -370,18 +386,21 @@ def _sight(rows: list[dict[str, Any]]) -> str:
     return f"{span} of {rows[0]['agents']:,} agents in sight, {counted(len(rows), 'frame')}."
 
 
-def _sheet(pictures: list[tuple[Path, Path]], legends: list[Legend]) -> np.ndarray:
-    """Return the contact sheet, two frames in a row.
+def _sheet(
+    pictures: list[tuple[Path, Path]], legends: list[Legend]
+) -> Generator[float, None, np.ndarray]:
+    """Make the contact sheet, two frames in a row; yield between steps.
 
     An odd number of frames has one in a row, so that no place stays empty. Each has its main
     picture and the picture from above. Of a long shot it has MOST_IN_SHEET
     frames, evenly spaced.
     """
     pairs = spread_evenly(pictures, MOST_IN_SHEET)
-    shrunk = [
-        tables.shrink(image_data.load_pixels(path), THUMBNAIL) for pair in pairs for path in pair
-    ]
-    return labeled_sheet(shrunk, 2 if len(pairs) % 2 else 4, legends=legends)
+    shrunk = []
+    for path in (path for pair in pairs for path in pair):
+        pixels = image_data.load_pixels(path)
+        shrunk.append((yield from aside(partial(tables.shrink, pixels, THUMBNAIL))))
+    return (yield from labeled_sheet(shrunk, 2 if len(pairs) % 2 else 4, legends=legends))
 
 
 class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):

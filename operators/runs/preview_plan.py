@@ -61,6 +61,7 @@ def _left_out(
     trajectory = trajectory_of(stage)
     settings = stage.crowd_lod
     stage.frame_set(number)
+    yield 0.0
     eyes = cameras.read_cameras(stage, stage.view_layers[0].depsgraph)
     bias = bias_of(settings)
     time = max(number, trajectory.first_frame + 2)

@@ -75,6 +75,11 @@ class Sharing:
         """Return whether other processes of this run make frames meanwhile."""
         return self.jobs > 1 or self.parent > 0
 
+    def check_parent(self) -> None:
+        """Raise CrowdError if the run that this process belongs to was ended."""
+        if self.parent and os.getppid() != self.parent:
+            raise CrowdError("The run that this process belongs to was ended.")
+
     def save(self, folder: Path) -> None:
         """Save the open file for the processes that share the run, if there are any."""
         if self.jobs > 1:
@@ -147,8 +152,7 @@ def make_frames(
     prepared = False
     while missing:
         for number in missing:
-            if sharing.parent and os.getppid() != sharing.parent:
-                raise CrowdError("The run that this process belongs to was ended.")
+            sharing.check_parent()
             if sharing.claims and not parts.claim(number):
                 continue
             if not prepared:
@@ -157,6 +161,8 @@ def make_frames(
             done = len(numbers) - len(missing) + len(_whole(parts, missing))
             steps = (PREPARED + (1 - PREPARED) * (done + k) / len(numbers) for k in range(2))
             found, pictures = yield from share(make(number), *steps)
+            # the folder may be another run's by now, and the plan that the frame follows gone
+            sharing.check_parent()
             facts[number] = parts.store(number, found, pictures)
         if sharing.parent:  # the rest is made by others
             break

@@ -42,7 +42,6 @@ REQUESTED = {
     "blur": "Coarser Where Blurred",
     "budget": "the budget",
 }
-OF_THE_PANEL = ("triangles", "memory", "finest")  # limits of a budget that are settings
 _known: dict[int, tuple[float, tuple, dict[str, str]]] = scene_cache.add_cache({}, by_scene=True)
 _requested: dict[tuple, dict[str, Any]] = scene_cache.add_cache({})
 
@@ -120,8 +119,6 @@ def _requested_before(settings) -> dict[str, Any]:
         request = None
         with suppress(OSError, ValueError, LookupError, TypeError):
             request = dict(json.loads(path.read_text(encoding="utf-8"))["shot"]["asked"])
-            limits = request["budget"].items()
-            request["budget"] = {name: most for name, most in limits if name in OF_THE_PANEL}
         _requested.clear()
         _requested[key] = request
     return _requested[key] or requested_of(wanted_of(settings.id_data, key[0].parent, ()))

@@ -1,6 +1,6 @@
 """Proof by renders: the same frames with and without culling and LOD, compared."""
 
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from ...crowd_lod.reporting.verify_report import verify_page
 from ...crowd_lod.validation.render_proof import is_ok
 from ..blender import cameras, cleanup, frame_stepping, image_data, scene_data
 from ..characters.glow import glowing
-from ..characters.group_measuring import measure_groups
+from ..characters.group_measuring import measuring_groups
 from ..characters.stored_groups import groups_of, store_groups
 from ..lod_meshes.make_lods import make_levels
 from ..render_setup import frame_update
@@ -83,7 +83,7 @@ def verify(
         result["left_out"] = left_out + result["left_out"]
         result["not_proved"] = not_proved
         result["ok"] = is_ok(result)
-        _write(run, result)
+        yield from _write(run, result)
         yield 1.0
         return result
 
@@ -136,7 +136,7 @@ def _prepare_crowd(scene: bpy.types.Scene) -> Generator[float, None, None]:
     CrowdError if something is wrong with the scene: it is said before the work begins.
     """
     settings = scene.crowd_lod
-    store_groups(settings, measure_groups(scene))
+    store_groups(settings, (yield from standing(measuring_groups(scene), 0.0)))
     yield from standing(approach(trajectory_of(scene), scene_data.time_of(scene)), 0.0)
     frame_of(scene, scene.view_layers[0].depsgraph)
     if settings.levels is None:
@@ -163,18 +163,25 @@ def _aim_nowhere(scene: bpy.types.Scene, opened: ExitStack) -> None:
         cycles.emission_sampling = "NONE"
 
 
-def _write(run: Proof, result: dict[str, Any]) -> None:
-    """Write the proof's files: its figures, its report, and a sheet of pictures."""
+def _write(run: Proof, result: dict[str, Any]) -> Iterator[float]:
+    """Write the proof's files: its figures, its report, and a sheet of pictures.
+
+    Yields the progress.
+    """
     folder = run.folder
     title = Path(bpy.data.filepath).stem or run.scene.name
     (folder / "verify.json").write_text(tables.to_json(result), encoding="utf-8")
     (folder / "verify.csv").write_text(tables.to_csv(result["frames"]), encoding="utf-8")
     (folder / "report.html").write_text(verify_page(title, result), encoding="utf-8")
     frames = spread_evenly(run.task.frames, MOST_PROVED_IN_SHEET)
-    tiles = [image_data.load_pixels(path) for number in frames for path in run.pictures(number)]
+    tiles = []
+    for number in frames:
+        for path in run.pictures(number):
+            tiles.append(image_data.load_pixels(path))
+            yield 0.95
     lights = ("", "\nwith bounces") if run.task.bounces else ("",)
     labels = [f"Frame {number}{light}" for number in frames for light in lights]
-    sheet = labeled_sheet(tiles, len(TITLES), TITLES, labels)
+    sheet = yield from standing(labeled_sheet(tiles, len(TITLES), TITLES, labels), 0.95)
     image_data.save_png(folder / "contact_sheet.png", sheet)
 
 

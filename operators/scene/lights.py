@@ -12,7 +12,7 @@ from ...crowd_lod.frame.shadows import Surroundings
 from ..blender import frame_stepping, mesh_data, scene_data
 from ..blender.cameras import camera_at, read_shutter, shutter_times
 from ..blender.emission import casts, emits
-from ..blender.scenery import SOLID, Placed, matrix_of, scenery_of
+from ..blender.scenery import SOLID, Placed, Scenery, matrix_of, scenery_of
 from ..characters.glow import glowing
 from .scene_crowd import policy_of
 from .scene_occluders import needs_shadows, occluders_of
@@ -32,7 +32,8 @@ def read_surroundings(
     """Return lights and mirrors that may bring unseen agents into the picture.
 
     They are those at `time`. With motion blur, they hold for the whole shutter of the frame at
-    `time`. The box of shadow receivers is then unknown, as it is without a depsgraph.
+    `time`. The box of shadow receivers is unknown without a depsgraph, and with motion blur unless
+    scenery hides agents, whose shadows may end in it.
 
     depsgraph: has evaluated the scene at `time`, or None.
     time: frames of the animation (see scene_data.time_of).
@@ -54,7 +55,8 @@ def read_surroundings(
         lights, mirrors = _through(
             lamps, panes, scenery.shining(depsgraph), times or [time], engine, at
         )
-        box = None
+        ends = occluders is not None and times and not _foggy(scene.world)
+        box = _box_through(scenery, times, at) if ends else None
     else:
         if scenery.instanced is None:
             scenery.instanced = _few(
@@ -260,6 +262,34 @@ def _through(
         [_widened(tuple(group)) for group in by_key.values()]
     )
     return lights, [mirror for group in mirrors for mirror in group]
+
+
+def _box_through(
+    scenery: Scenery, times: Sequence[float], at: frame_stepping.At | None
+) -> np.ndarray | None:
+    """Return the bounding box (2, 3) of the solid things over all of `times`, world meters.
+
+    It has room for as much motion again between these. None if it is not known.
+    """
+    if not scenery.bounded or not scenery.solid:
+        return None
+    if at is None:
+        with frame_stepping.stage() as staged:
+            return _box_through(scenery, times, staged)
+    items = {part for thing, inside in scenery.solid for part in (thing, *inside)}
+    lows = []
+    highs = []
+    for time in times:
+        depsgraph = at(items, time)
+        corners = [
+            _corners(placed[0].evaluated_get(depsgraph), matrix_of(placed, depsgraph))
+            for placed in scenery.solid
+        ]
+        lows.append(np.min(corners, axis=(0, 1)))
+        highs.append(np.max(corners, axis=(0, 1)))
+    least = np.min(lows, axis=0) - np.ptp(lows, axis=0)
+    most = np.max(highs, axis=0) + np.ptp(highs, axis=0)
+    return np.array([least, most])
 
 
 def _widened(lights: tuple[Light, ...]) -> Light:

@@ -25,18 +25,17 @@ def find_obstacles(
     places: np.ndarray,
     grounds: Collection[str],
 ) -> list[bpy.types.Object]:
-    """Return the objects that agents of the scene's own crowd would walk through, by name.
+    """Return the objects that agents of a crowd would walk through, by name.
 
     None where a map leads them round, where they stand, or where something else moves them.
 
-    settings, part: of the crowd. Further crowds have none: no button makes walls for them.
+    settings, part: of the crowd.
     places: (n, 3) units, where agents have their feet.
     grounds: of each of them, the name of the object that it stands on.
     """
     scene = settings.id_data
-    is_own = settings.as_pointer() == scene.crowd_lod.as_pointer()
     walks = isinstance(part, Walk) and part.gaits.paces.speeds.any()
-    if not is_own or not walks or settings.map_image is not None or not len(places):
+    if not walks or settings.map_image is not None or not len(places):
         return []
     area = area_of(settings)
     corners = np.array([(area.x_min, area.y_min), (area.x_max, area.y_max)])
@@ -44,7 +43,7 @@ def find_obstacles(
     common = {name for name in names if names.count(name) >= GROUND * len(names)}
     walls = {item for entry in settings.areas if entry.use for item in meshes_in(entry)}
     left_out = {
-        *settings.characters.all_objects,
+        *scene.crowd_lod.characters.all_objects,
         *walls,
         settings.terrain_object,
         settings.start_object,

@@ -84,14 +84,11 @@ def notes_on_extent(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator
 
 
 def _heights(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
+    groups = [group for group in groups if not group.variant_of]
     heights = np.array([group.height for group in groups]) * scene_data.meters(scene)
     finding = judge.check_heights(heights)
     if finding is not None:
-        texts = [
-            f"{groups[g].name} is {number(heights[g])} m tall"
-            for g in finding.indices
-            if not groups[g].variant_of
-        ]
+        texts = [f"{groups[g].name} is {number(heights[g])} m tall" for g in finding.indices]
         yield (
             f"{', '.join(texts)}: if these are people, scale them to about 1.7 m, or set Unit "
             f"Scale in the scene's Units."

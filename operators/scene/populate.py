@@ -82,9 +82,11 @@ def _warnings(
 
 
 def _result(groups: Sequence[Group], trajectory: Trajectory) -> str:
-    return (
-        f"{counted(len(trajectory.start), 'agent')} in {counted(len(groups), 'character group')}."
-    )
+    agents = len(trajectory.bare.start)
+    worn = len(trajectory.start) - agents
+    people = [group for group in groups if not group.slot]
+    wearing = f", who wear {counted(worn, 'part')}" if worn else ""
+    return f"{counted(agents, 'agent')} in {counted(len(people), 'character group')}{wearing}."
 
 
 class CROWDLOD_OT_populate(Stepwise, bpy.types.Operator):

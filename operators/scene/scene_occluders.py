@@ -25,7 +25,8 @@ UNMAPPED = LeftOut(
 )
 SEE_THROUGH = LeftOut(
     STAGE,
-    "Workbench shows X-ray, shadows, textures or one side of faces alone: scenery hides nobody.",
+    "Workbench shows X-ray, shadows, textures, lines, one side of faces alone or characters that "
+    "are In Front: scenery hides nobody.",
 )
 NO_OCCLUDERS = LeftOut(STAGE, "The scene has no opaque meshes that may hide agents.")
 
@@ -50,7 +51,7 @@ def occluders_of(
     """
     if not scene.crowd_lod.occlusion or depsgraph is None:
         return None, ()
-    if scene.render.engine == "BLENDER_WORKBENCH" and _is_see_through(scene.display.shading):
+    if scene.render.engine == "BLENDER_WORKBENCH" and _is_see_through(scene):
         return None, (SEE_THROUGH,)
     if _camera_blurs(scene):
         return join_occluders(()), (UNMAPPED,)
@@ -102,20 +103,26 @@ def _flags(item: bpy.types.Object) -> list:
     return [*(getattr(item, flag) for flag in SHOWN if flag != "color"), tuple(item.color)]
 
 
-def _is_see_through(shading: bpy.types.View3DShading) -> bool:
+def _is_see_through(scene: bpy.types.Scene) -> bool:
     """Return whether Workbench shows more than the nearest surface."""
+    shading = scene.display.shading
+    characters = scene.crowd_lod.characters
     return (
-        shading.show_xray
+        shading.type == "WIREFRAME"
+        or shading.show_xray
         or shading.show_shadows
         or shading.show_backface_culling
         or shading.color_type == "TEXTURE"
+        or (characters is not None and any(x.show_in_front for x in characters.all_objects))
     )
 
 
 def _camera_blurs(scene: bpy.types.Scene) -> bool:
     """Return whether the scene's own camera can have no map (frame.hidden.can_hide)."""
     data = scene.camera.data if scene.camera is not None else None
-    return isinstance(data, bpy.types.Camera) and (data.type == "PANO" or data.dof.use_dof)
+    return isinstance(data, bpy.types.Camera) and (
+        data.type not in ("PERSP", "ORTHO") or data.dof.use_dof
+    )
 
 
 def _excluded(settings) -> set[bpy.types.Object]:

@@ -35,7 +35,21 @@ _numbered: dict[int, tuple] = scene_cache.add_cache({}, by_scene=True)
 def exemptions_of(
     scene: bpy.types.Scene, trajectory: Trajectory, policy: LevelPolicy, frames: Sequence[int]
 ) -> tuple[Exemption, ...]:
-    """Return the exceptions that are switched on, in their order.
+    """Return the exceptions that are switched on, in their order, as chosen_exemptions.
+
+    CrowdError, too, if the crowd lacks the LOD that an exception asks for.
+    """
+    exemptions = chosen_exemptions(scene, trajectory, frames)
+    names = [group.name for group in trajectory.groups]
+    for exemption in exemptions:
+        check_level(exemption, policy.count, policy.finest, trajectory.start.group, names)
+    return exemptions
+
+
+def chosen_exemptions(
+    scene: bpy.types.Scene, trajectory: Trajectory, frames: Sequence[int]
+) -> tuple[Exemption, ...]:
+    """Return the exceptions that are switched on, in their order, whatever LODs there are.
 
     frames: of the plan, increasing. An exception outside of them has no agents.
     CrowdError names the exception that is wrong.
@@ -51,7 +65,6 @@ def exemptions_of(
     parts = [(entry, _whom(entry, trajectory), _begins(entry, frames)) for entry in entries]
     if not parts:
         return ()
-    names = [group.name for group in trajectory.groups]
     exemptions = {}
     with frame_stepping.step_frames(scene, rest=False) as at:
         # in order of time: a crowd is computed forward
@@ -70,9 +83,6 @@ def exemptions_of(
                 )
             exemptions[index] = Exemption(
                 entry.name, entry.kind, entry.level, agents, _told(entry), *_span(entry)
-            )
-            check_level(
-                exemptions[index], policy.count, policy.finest, trajectory.start.group, names
             )
     return tuple(exemptions[index] for index in range(len(parts)))
 
@@ -204,7 +214,9 @@ def _whom(entry, trajectory: Trajectory) -> Callable[[float, frame_stepping.At],
             f"{entry.last_frame}: give the first frame first."
         )
     if entry.chosen_by == "NUMBERS":
-        agents = parse_agents(entry.agents, len(trajectory.start), entry.name, trajectory.ids)
+        people = trajectory.bare
+        numbers = parse_agents(entry.agents, len(people.start), entry.name, people.ids)
+        agents = trajectory.with_worn(numbers)
         return lambda time, at: agents
     if entry.chosen_by == "REGION":
         if entry.region is None or entry.region.type not in REGIONS:

@@ -1,6 +1,6 @@
 """Walls from Selection: agents walk round what is selected, or round what is in their way."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 
 import bpy
 
@@ -13,6 +13,7 @@ from ..blender.operator import Reporting
 from ..machine import map_areas
 from ..machine.scene_world import machine_of, machine_text
 from ..settings import needs
+from ..sources.crowd_sources import crowds_of
 from .looking_around import look_around
 from .obstacles import WALLS, find_obstacles
 from .plausible import places_of
@@ -28,34 +29,58 @@ class CROWDLOD_OT_walls_from_selection(Reporting, bpy.types.Operator):
 
     def run(self, context) -> str:
         scene = context.scene
-        settings = scene.crowd_lod
         depsgraph = context.evaluated_depsgraph_get()
-        chosen = [item for item in context.selected_objects if is_scenery(item)]
-        items = [
-            item
-            for item in chosen or _obstacles(scene, depsgraph)
-            if any(True for _ in map_areas.triangles_in([item], depsgraph))
+        selected = [item for item in context.selected_objects if is_scenery(item)]
+        walls = [
+            (crowd, [item for item in items if _has_faces(item, depsgraph)])
+            for crowd, items in _in_the_way(scene, depsgraph, selected)
         ]
-        if not items:
+        sentences = [_lead_round(*wall, depsgraph) for wall in walls if wall[1]]
+        if not sentences:
             raise CrowdError(
                 "Nothing stands in the agents' way: select the objects that they are to walk round."
             )
-        turned = _add_wall_label(settings)
-        map_areas.add_areas(settings, items, WALL)
-        cells = map_areas.make(settings, depsgraph)
-        return (
-            f"{_listed(items)}: {len(items)} walls on {cells:,} cells of the map.{turned} Press "
-            f"Populate."
-        )
+        return f"{' '.join(sentences)} Press Populate."
 
 
-def _obstacles(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> list[bpy.types.Object]:
-    """Return what the agents of the scene's own crowd would walk through."""
-    part = trajectory_of(scene).parts[0]
-    places = places_of(part)
-    left_out = set(scene.crowd_lod.characters.all_objects)
-    around = look_around(depsgraph, places, 0.0, scene_data.meters(scene), left_out)
-    return find_obstacles(scene.crowd_lod, depsgraph, part, places, around.names)
+def _in_the_way(
+    scene: bpy.types.Scene,
+    depsgraph: bpy.types.Depsgraph,
+    selected: Sequence[bpy.types.Object],
+) -> Iterator[tuple[bpy.types.PropertyGroup, Sequence[bpy.types.Object]]]:
+    """Yield each crowd of the scene, and what its agents are to walk round.
+
+    That is what they would walk through; with objects `selected`, those of it, and all of them for
+    the scene's own crowd.
+    """
+    settings = scene.crowd_lod
+    left_out = set(settings.characters.all_objects)
+    parts = trajectory_of(scene).parts
+    for index, (crowd, part) in enumerate(zip(crowds_of(settings), parts, strict=True)):
+        if index == 0 and selected:
+            yield crowd, selected
+        elif crowd.use_crowd:
+            places = places_of(part)
+            around = look_around(depsgraph, places, 0.0, scene_data.meters(scene), left_out)
+            items = find_obstacles(crowd, depsgraph, part, places, around.names)
+            yield crowd, [item for item in items if not selected or item in selected]
+
+
+def _has_faces(item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bool:
+    return any(True for _ in map_areas.triangles_in([item], depsgraph))
+
+
+def _lead_round(
+    crowd: bpy.types.PropertyGroup,
+    items: Sequence[bpy.types.Object],
+    depsgraph: bpy.types.Depsgraph,
+) -> str:
+    """Make the items walls of the crowd's map; return a sentence."""
+    turned = _add_wall_label(crowd)
+    map_areas.add_areas(crowd, items, WALL)
+    cells = map_areas.make(crowd, depsgraph)
+    name = f"{crowd.name}: " if len(crowd.id_data.crowd_lod.crowds) else ""
+    return f"{name}{_listed(items)}: {len(items)} walls on {cells:,} cells of the map.{turned}"
 
 
 def _add_wall_label(settings) -> str:

@@ -2,22 +2,28 @@
 
 import json
 from contextlib import suppress
-from dataclasses import replace
 from math import inf
 
-from ...crowd_lod.levels.budget_fit import Budget
+from ...crowd_lod.levels.budget_fit import LIMITED, Budget
 from ...crowd_lod.shot.budget_points import BudgetPoint, fitting_point
 
 NO_BUDGET = "none"
+# by a field of Budget: its setting, its label in the panel, and what one of the setting's is
+LIMITS = {
+    "triangles": ("budget_triangles", "Triangles", 1),
+    "vertices": ("budget_vertices", "Vertices", 1),
+    "memory": ("budget_memory", "Memory, MB", 1e6),
+    "finest": ("budget_finest", "Agents at LOD 0", 1),
+}
 
 
 def budget_of(settings) -> Budget:
     """Return the budget that the settings give; 0 is no limit."""
-    return Budget(
-        triangles=settings.budget_triangles or inf,
-        memory=1e6 * round(settings.budget_memory, 3) or inf,
-        finest=settings.budget_finest or None,
-    )
+    values = {
+        name: unit * round(getattr(settings, setting), 3)
+        for name, (setting, _, unit) in LIMITS.items()
+    }
+    return Budget(**{name: value for name, value in values.items() if value})
 
 
 def possible_budgets(settings) -> tuple[BudgetPoint, ...]:
@@ -29,22 +35,21 @@ def possible_budgets(settings) -> tuple[BudgetPoint, ...]:
 
 def limits_levels(settings) -> bool:
     """Return whether Make LOD Meshes has to choose LODs for a budget."""
-    has_budget = settings.budget_triangles or settings.budget_finest
-    return settings.choice == "BY_TOLERANCE" and bool(has_budget)
+    return settings.choice == "BY_TOLERANCE" and budget_of(settings) != Budget()
 
 
 def budget_words(settings) -> str:
     """Return the budget that Make LOD Meshes chooses LODs for, in words."""
-    limits = []
-    if settings.budget_triangles:
-        limits.append(f"{settings.budget_triangles:,} triangles")
-    if settings.budget_finest:
-        limits.append(f"{settings.budget_finest:,} at LOD 0")
+    budget = budget_of(settings)
+    limits = [
+        f"{name} {words(value)}"
+        for field, (name, words) in LIMITED.items()
+        if (value := getattr(budget, field)) not in (None, inf)
+    ]
     return " and ".join(limits) or NO_BUDGET
 
 
 def holds_anyway(settings) -> bool:
     """Return whether the planned shot holds the budget with the tolerance as it is set."""
     points = possible_budgets(settings)
-    budget = replace(budget_of(settings), memory=inf)
-    return bool(points) and fitting_point(points, budget) is points[0]
+    return bool(points) and fitting_point(points, budget_of(settings)) is points[0]

@@ -85,14 +85,23 @@ class CrowdLodGroup(bpy.types.PropertyGroup):
     )
     variant_of: StringProperty(
         name="Variant Of",
-        description="The group that this is with some of its props; empty without",
+        description="The group that this is with some of its props, or a part of; empty without",
     )
     chance: FloatProperty(
         name="Chance",
         default=1,
         min=0,
         max=1,
-        description="That an agent of the group has just these props",
+        description="That an agent of the group has just these props, or that this part is drawn "
+        "in its slot",
+    )
+    slot: StringProperty(
+        name="Slot",
+        description="Of the wardrobe of the group, where agents wear this; empty if it is no part",
+    )
+    excludes: StringProperty(
+        name="Excludes",
+        description="Slots, by commas, that an agent who wears this goes without",
     )
     actions: CollectionProperty(
         type=CrowdLodAction, name="Actions", description="Those besides its own that states name"

@@ -84,6 +84,12 @@ class PlanSettings:
         description="Triangles that the visible characters of any frame may have at most; the "
         "tolerance rises until they fit. 0 is no limit",
     )
+    budget_vertices: IntProperty(
+        name="Vertices",
+        min=0,
+        description="Vertices that the visible characters of any frame may have at most; the "
+        "tolerance rises until they fit. 0 is no limit",
+    )
     budget_memory: FloatProperty(
         name="Memory",
         min=0,

@@ -24,9 +24,10 @@ from ...crowd_lod.reporting.switch_figures import png_of
 from ...crowd_lod.shot import plan_file
 from ...crowd_lod.shot.budget import BudgetPlan, decide_within
 from ...crowd_lod.shot.budget_points import BudgetPoint, budget_sentence, find_points, fitting_point
-from ...crowd_lod.shot.coloring import VARIETY, PhasePlan, plan_phases, recast, strides_of
+from ...crowd_lod.shot.coloring import VARIETY, PhasePlan, plan_phases, strides_of
 from ...crowd_lod.shot.curve import curve_of
 from ...crowd_lod.shot.exceptions import Exemption, excepted, marked
+from ...crowd_lod.shot.phases import recast
 from ...crowd_lod.shot.shot_cost import Shot, meshes_of
 from ...crowd_lod.shot.survey import Survey
 from ...crowd_lod.shot.switches import WORST, largest, noticed
@@ -130,6 +131,7 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
         policy.tolerance,
         request.variety,
         trajectory.given_phases,
+        trajectory.wearer,
     )
     phases = yield from standing(aside(planning), SURVEYED)
     survey = recast(through.survey, phases.phases)
@@ -195,6 +197,7 @@ def _report_on(
         classes=phases.rows(names, trajectory.gaits),
         tints=TINTS,
         milliseconds=through.milliseconds,
+        left_out=through.left_out,
         crops=(yield from share(drawing, CURVED, 1.0)),
     )
 
@@ -239,12 +242,13 @@ def write_plan(
 
 def write_levels(folder: Path, planned: PlannedShot) -> None:
     """Write plan.npz into `folder`."""
-    numbers = planned.stored.numbers.tolist()
+    cells = planned.shot.survey.cells
+    levels = planned.plan.levels
     pinned = PINNED if planned.plan.tolerance or planned.shot.survey.blurred else 0
-    rows = [
-        marked(row | pinned, number, planned.exemptions)
-        for number, row in zip(numbers, planned.plan.levels, strict=True)
-    ]
+    rows = (
+        marked(cells.row(levels, f) | pinned, number, planned.exemptions)
+        for f, number in enumerate(planned.stored.numbers.tolist())
+    )
     plan_file.write(folder / plan_file.NAME, planned.stored, rows)
 
 

@@ -4,9 +4,9 @@ import hashlib
 import os
 import time as clock
 from collections import Counter
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields
 from functools import partial
 from pathlib import Path
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from ...crowd_lod import __version__
 from ...crowd_lod.animation.phase_classes import Library
+from ...crowd_lod.crowd.leave_outs import LeftOut
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame import Frame, plan
 from ...crowd_lod.frame.index_cache import approach
@@ -22,8 +23,9 @@ from ...crowd_lod.frame.planned import numbers_of
 from ...crowd_lod.frame.shadows import surrounded
 from ...crowd_lod.levels.assignment import LevelPolicy
 from ...crowd_lod.progress import aside, share, standing
+from ...crowd_lod.shot.recording import Record, Recorder, Recording, begin_recording
 from ...crowd_lod.shot.shot_cost import meshes_of
-from ...crowd_lod.shot.survey import Recorder, Survey, empty
+from ...crowd_lod.shot.survey import Encounters, Survey
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import cameras, frame_stepping, scene_data
 from ..characters.rig_needs import leads
@@ -34,8 +36,10 @@ from ..scene import lights, shot_reference
 from ..scene.scene_crowd import characters_of, policy_of, trajectory_of
 
 EVERY = 20.0  # seconds between two saves, from which the next run goes on
-KEPT = "kind", "coarsest", "scale", "character", "cuts", "rays"
-LISTS = "entered", "left", "pairs", "nearness"  # of arrays, one for each frame
+KEPT = "rays", "cut", "hidden"  # of a Record, numbers
+# arrays of a Record, and of its encounters
+ARRAYS = "present", "kind", "coarsest", "scale", "character", "entered", "left"
+PAIRS = tuple(column.name for column in fields(Encounters))
 PARTS = ".crowd-lod-survey"  # begins the names of the parts' files
 
 
@@ -45,11 +49,13 @@ class SurveyedShot:
 
     cameras: (F, E, 21) float64, of frame.planned.numbers_of.
     milliseconds: of each stage, the mean of the frames that this run planned.
+    left_out: what the surroundings of the last frame do not need, and why.
     """
 
     survey: Survey
     cameras: np.ndarray
     milliseconds: dict[str, float] = field(default_factory=dict)
+    left_out: tuple[LeftOut, ...] = ()
 
 
 def survey_of(
@@ -66,15 +72,15 @@ def survey_of(
     policy = policy_of(settings)
     library = cast_of(characters_of(scene), trajectory)
     times = [scene_data.remap(scene.render, number) for number in frames]
-    survey = _empty_survey(scene, frames, times, library)
+    recording = _begin(scene, frames, times, library)
     if blurred:
-        survey = _coarser_where_blurred(survey, trajectory, policy)
-    parts = Parts(survey, folder, _key(scene, frames) + "b" * blurred)
+        _coarsen_where_blurred(recording, trajectory, policy)
+    parts = Parts(recording, folder, _key(scene, frames) + "b" * blurred)
     begin = parts.taken_up()
     before = None
     took = Counter()
     saved = clock.monotonic()
-    with frame_stepping.step_frames(scene) as at, Recorder() as recorder:
+    with frame_stepping.step_frames(scene) as at, Recorder(recording) as recorder:
         for f in range(max(begin - 1, 0), len(frames)):
             time = times[f]
             yield from share(approach(trajectory, time), f / len(frames), (f + 0.5) / len(frames))
@@ -89,7 +95,7 @@ def survey_of(
                 film = cameras.bound_camera(scene, time)
                 cut = f > 0 and film != cameras.bound_camera(scene, times[f - 1])
                 samples = scene_data.samples_of(scene) * covered(frame, scene)
-                recorder.add(survey, f, frame, library, before, samples, cut)
+                recorder.add(frame, before, samples, cut)
                 parts.cameras.append(numbers_of(eyes))
                 took.update(frame.milliseconds)
             before: Frame | None = frame
@@ -106,20 +112,22 @@ def survey_of(
         )
     count = max(len(frames) - begin, 1)
     milliseconds = {name: total / count for name, total in took.items()}
-    return SurveyedShot(survey, np.array(parts.cameras), milliseconds)
+    survey = yield from standing(aside(recording.survey), 1.0)
+    return SurveyedShot(survey, np.array(parts.cameras), milliseconds, around.left_out)
 
 
-def _empty_survey(
+def _begin(
     scene: bpy.types.Scene, frames: Sequence[int], times: Sequence[float], library: Library
-) -> Survey:
+) -> Recording:
     trajectory = trajectory_of(scene)
     lead = leads(characters_of(scene), trajectory.groups)
     moved_as = library.moved_as(trajectory.gaits, lead)
-    return empty(
+    return begin_recording(
         frames,
         times,
         trajectory.start.group,
         library.first(trajectory.gaits),
+        library,
         library.roles(trajectory.gaits, moved_as),
     )
 
@@ -131,8 +139,10 @@ def _changes_at(frame: int) -> CrowdError:
     )
 
 
-def _coarser_where_blurred(survey: Survey, trajectory: Trajectory, policy: LevelPolicy) -> Survey:
-    """Return the empty survey, for LODs that may be coarser where their agents are blurred.
+def _coarsen_where_blurred(
+    recording: Recording, trajectory: Trajectory, policy: LevelPolicy
+) -> None:
+    """Let the recording have LODs that are coarser where their agents are blurred.
 
     CrowdError if LODs are not chosen by tolerance.
     """
@@ -141,8 +151,8 @@ def _coarser_where_blurred(survey: Survey, trajectory: Trajectory, policy: Level
             "Coarser Where Blurred needs LODs by tolerance: set Choose LODs to By Tolerance, "
             "or switch it off."
         )
-    bounds = meshes_of(trajectory.groups, policy.count).bounds
-    return replace(survey, blurred=policy.tolerance, bounds=bounds)
+    recording.bounds = meshes_of(trajectory.groups, policy.count).bounds
+    recording.blurred = policy.tolerance
 
 
 def _key(scene: bpy.types.Scene, frames: Sequence[int]) -> str:
@@ -162,8 +172,8 @@ class Parts:
     cameras: those of the frames so far.
     """
 
-    def __init__(self, survey: Survey, folder: Path | None, key: str):
-        self.survey = survey
+    def __init__(self, recording: Recording, folder: Path | None, key: str):
+        self.recording = recording
         self.folder = folder
         self.key = key
         self.done = 0
@@ -176,12 +186,8 @@ class Parts:
         ):
             with np.load(found[-1], allow_pickle=False) as file:
                 end = self.done + len(file["cameras"])
-                for name in KEPT:
-                    getattr(self.survey, name)[self.done : end] = file[name]
                 self.cameras.extend(file["cameras"])
-                for name in LISTS:
-                    edges = np.cumsum(file[f"{name}_counts"])[:-1]
-                    getattr(self.survey, name)[self.done : end] = np.split(file[name], edges)
+                self.recording.records += _read_records(file)
             self.done = end
         return self.done
 
@@ -194,16 +200,41 @@ class Parts:
         with suppress(OSError):  # the run itself needs none of it
             self.folder.mkdir(parents=True, exist_ok=True)
             with path.with_suffix(".part").open("wb") as file:
-                columns = {name: getattr(self.survey, name)[rows] for name in KEPT}
-                for name in LISTS:
-                    of_frames = getattr(self.survey, name)[rows]
-                    columns[name] = np.concatenate(of_frames)
-                    columns[f"{name}_counts"] = np.array([len(part) for part in of_frames])
+                columns = _columns_of(self.recording.records[rows])
                 np.savez(file, cameras=self.cameras[rows], **columns)
                 file.flush()
                 os.fsync(file.fileno())
             path.with_suffix(".part").replace(path)
             self.done = end
+
+
+def _columns_of(records: Sequence[Record]) -> dict[str, np.ndarray]:
+    """Return the arrays of a part's file. Those of all frames follow one another."""
+    columns = {name: np.array([getattr(record, name) for record in records]) for name in KEPT}
+    for name in (*ARRAYS, *PAIRS):
+        arrays = [
+            getattr(record if name in ARRAYS else record.encounters, name) for record in records
+        ]
+        columns[name] = np.concatenate(arrays)
+        columns[f"{name}_counts"] = np.array([len(array) for array in arrays])
+    return columns
+
+
+def _read_records(file: Mapping[str, np.ndarray]) -> list[Record]:
+    """Return the records of a part's file."""
+    arrays = {
+        name: np.split(file[name], np.cumsum(file[f"{name}_counts"])[:-1])
+        for name in (*ARRAYS, *PAIRS)
+    }
+    numbers = {name: file[name].tolist() for name in KEPT}
+    return [
+        Record(
+            **{name: arrays[name][f] for name in ARRAYS},
+            **{name: numbers[name][f] for name in KEPT},
+            encounters=Encounters(*(arrays[name][f] for name in PAIRS)),
+        )
+        for f in range(len(file["cameras"]))
+    ]
 
 
 def forget_parts(folder: Path) -> None:

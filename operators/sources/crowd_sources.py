@@ -11,7 +11,7 @@ import numpy as np
 from ...crowd_lod.behavior.walk import Walk
 from ...crowd_lod.crowd import random_streams, start_places
 from ...crowd_lod.crowd.agents import Crowd, Group, populate
-from ...crowd_lod.crowd.bounding_spheres import cover_sizes
+from ...crowd_lod.crowd.bounding_spheres import cover_sizes, cover_wardrobes
 from ...crowd_lod.crowd.maps import LabelMap
 from ...crowd_lod.crowd.state_machine import StateMachine
 from ...crowd_lod.crowd.terrain import Ground, Terrain
@@ -19,6 +19,7 @@ from ...crowd_lod.crowd.variants import Draw
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
 from ...crowd_lod.progress import aside
+from ...crowd_lod.sources.dressed import Dressed
 from ...crowd_lod.sources.recorded import Recorded
 from ...crowd_lod.sources.several import Several
 from ...crowd_lod.sources.trajectory import Trajectory
@@ -38,6 +39,8 @@ MOST_TRAJECTORIES = 8
 _latest: dict[int, dict[int, tuple]] = scene_cache.add_cache({}, by_scene=True)
 # By scene: the crowds that were combined last, and the trajectory of all.
 _together: dict[int, tuple[tuple, Trajectory]] = scene_cache.add_cache({}, by_scene=True)
+# By scene: the agents that were dressed last, and they with what they wear.
+_worn: dict[int, tuple[Trajectory, Trajectory]] = scene_cache.add_cache({}, by_scene=True)
 
 
 # By scene, of the last check by `outdated`: the time, the inputs, and the sentences.
@@ -80,10 +83,10 @@ def combine_crowds(
     crowds = crowds_of(scene.crowd_lod)
     if live(scene.crowd_lod):
         depsgraph = depsgraph or _depsgraph(scene)
-    groups = tuple(map(cover_sizes, groups))
+    groups = cover_wardrobes(tuple(map(cover_sizes, groups)))
     members = [_member(scene, k, crowd, groups, depsgraph) for k, crowd in enumerate(crowds)]
     if len(members) == 1 and crowds[0].use_crowd:
-        return hand_edits.with_edits(scene, members[0])
+        return _dressed(scene, hand_edits.with_edits(scene, members[0]))
     key = *members, *((crowd.name, crowd.use_crowd) for crowd in crowds)
     cached = _together.get(scene.session_uid)
     if cached is None or cached[0] != key:
@@ -91,7 +94,17 @@ def combine_crowds(
             members, [crowd.name for crowd in crowds], [crowd.use_crowd for crowd in crowds]
         )
         cached = _together[scene.session_uid] = key, several
-    return hand_edits.with_edits(scene, cached[1])
+    return _dressed(scene, hand_edits.with_edits(scene, cached[1]))
+
+
+def _dressed(scene: bpy.types.Scene, agents: Trajectory) -> Trajectory:
+    """Return the agents with what they wear, cached by the agents."""
+    if not any(group.slot for group in agents.groups):
+        return agents
+    cached = _worn.get(scene.session_uid)
+    if cached is None or cached[0] is not agents:
+        cached = _worn[scene.session_uid] = agents, Dressed(agents)
+    return cached[1]
 
 
 def read_sources(
@@ -381,14 +394,17 @@ def draw_of(crowd, groups: Sequence[Group]) -> Draw:
     as a group by itself. CrowdError if there is no group of a name.
     """
     names = names_in(crowd)
-    for name in sorted(names - {group.name for group in groups}):
+    present = [group.name for group in groups if not group.slot]
+    for name in sorted(names.difference(present)):
         raise CrowdError(
             f"The crowd {crowd.name or 1} asks for the character group {name}, and there is none: "
             f"its Groups may name "
-            f"{', '.join(group.name for group in groups)}; with none, all are used."
+            f"{', '.join(present)}; with none, all are used."
         )
     families: dict[str, list[int]] = {}
     for g, group in enumerate(groups):
+        if group.slot:  # agents wear it, and are none
+            continue
         of_all = not names or group.variant_of in names
         if of_all or group.name in names:
             families.setdefault(

@@ -53,7 +53,8 @@ def troubles_of(scene: bpy.types.Scene) -> list[str]:
 
 def without_edits(trajectory: Trajectory) -> Trajectory:
     """Return the crowd without edits; its groups are the edited ones."""
-    return trajectory.base if isinstance(trajectory, Edited) else trajectory
+    agents = trajectory.bare
+    return agents.base if isinstance(agents, Edited) else agents
 
 
 def edits(entry) -> bool:
@@ -89,11 +90,12 @@ def _edit(entry, trajectory: Trajectory) -> Edit:
         )
     agents = parse_agents(entry.agents, len(trajectory.start), entry.name, trajectory.ids)
     names = [group.name for group in trajectory.groups]
-    if entry.kind == "GROUP" and entry.group_name not in names:
+    people = [group.name for group in trajectory.groups if not group.slot]
+    if entry.kind == "GROUP" and entry.group_name not in people:
         raise CrowdError(
             f"The override {entry.name} asks for the character group "
             f"{entry.group_name or 'of no name'}, and there is none: "
-            f"choose one of {', '.join(names)}."
+            f"choose one of {', '.join(people)}."
         )
     return Edit(
         agents,

@@ -166,7 +166,8 @@ def record_crowds(
     crowds = [crowd for crowd in crowds_of(scene.crowd_lod) if is_live(crowd)]
     cast = all_characters(scene)
     groups = tuple(
-        Group(member.name, 0.0, 0.0, 0.0, 0.0, variant_of=member.variant_of) for member in cast
+        Group(member.name, 0.0, 0.0, 0.0, 0.0, variant_of=member.variant_of, slot=member.slot)
+        for member in cast
     )  # nothing else counts
     ends = scene.frame_start, scene.frame_end, *frames
     since, until = (scene_data.remap(scene.render, frame) for frame in (min(ends), max(ends)))

@@ -70,7 +70,7 @@ class CROWDLOD_OT_edit_agent(Reporting, bpy.types.Operator):
     def run(self, context) -> str:
         scene = context.scene
         settings = context.scene.crowd_lod
-        trajectory = trajectory_of(scene)
+        trajectory = trajectory_of(scene).bare
         agent = settings.agent
         if agent >= len(trajectory.start):
             raise CrowdError(
@@ -119,13 +119,14 @@ def _entry(settings, kind: str, name: str, agents: str) -> bpy.types.PropertyGro
 
 
 def _next_group(trajectory: Trajectory, agent: int) -> str:
-    groups = trajectory.groups
+    groups = [group for group in trajectory.groups if not group.slot]
     if len(groups) < 2:
         raise CrowdError(
             "There is one character group: add another to the collection of characters, and press "
             "Populate."
         )
-    return groups[(int(trajectory.start.group[agent]) + 1) % len(groups)].name
+    shown = trajectory.groups[trajectory.start.group[agent]]
+    return groups[(groups.index(shown) + 1) % len(groups)].name
 
 
 def _found(context, entry) -> str:

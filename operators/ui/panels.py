@@ -84,7 +84,8 @@ def _line(scene: bpy.types.Scene) -> str:
     frame = viewport_overlay.latest(scene)
     if frame is None:
         return "Statistics: overlay off" if not scene.crowd_lod.overlay else "Statistics"
-    counts = f"{len(frame.buckets.order):,} of {frame.crowd.there:,} visible"
+    visible = len(frame.without_worn(frame.buckets).order)
+    counts = f"{visible:,} of {frame.people:,} visible"
     return (
         f"{counts}, {frame.triangles / frame.full_triangles:.0%} triangles"
         if frame.full_triangles

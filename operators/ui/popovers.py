@@ -38,8 +38,9 @@ class CROWDLOD_PT_statistics(_Popover, bpy.types.Panel):
         if frame is None:
             label(self.layout, "Switch the overlay on to see them", "INFO")
             return
-        agents = frame.crowd.there
-        visible = len(frame.buckets.order)
+        agents = frame.people
+        people = frame.without_worn(frame.buckets)
+        visible = len(people.order)
         rows = [
             ("Frame", f"{frame.time:g}", "BLANK1"),
             ("Agents", f"{agents:,}", "BLANK1"),
@@ -53,7 +54,7 @@ class CROWDLOD_PT_statistics(_Popover, bpy.types.Panel):
         if frame.hidden is not None:
             rows.append(("Hidden by Scenery", f"{frame.hidden.sum():,}", "HOME"))
         by_lod = context.scene.crowd_lod.overlay_color == "LOD"
-        for level, count in enumerate(frame.buckets.counts):
+        for level, count in enumerate(people.counts):
             name, icon = LOD_COLORS[level]
             rows.append(
                 (

@@ -4,11 +4,10 @@ import bpy
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
-from ...crowd_lod.levels.cost_model import DEVELOPERS
 from ...crowd_lod.shot.budget_points import budget_sentence, fitting_point
 from ..blender.machine_costs import calibration_of
 from ..blender.operator import at_work
-from ..hand_over.lacks import lacks_of
+from ..hand_over.lacks import Lack, lacks_of
 from ..hand_over.sizes import sizes_of
 from ..overlay import viewport_overlay
 from ..render_setup import staleness
@@ -16,7 +15,7 @@ from ..render_setup.render_setup import BAKED, baked_of
 from ..render_setup.view_layers import layers_of
 from ..runs.update_all import due_steps
 from ..settings import needs
-from ..settings.budgets import budget_of, possible_budgets
+from ..settings.budgets import LIMITS, budget_of, possible_budgets
 from ..sources.hand_edits import EDITS
 from . import steps
 from .drawing import active_column, button, label, letters_of, limit, paragraph, table, wide
@@ -85,13 +84,8 @@ class CROWDLOD_PT_budget(Step, bpy.types.Panel):
     bl_parent_id = "CROWDLOD_PT_plan"
 
     def body(self, context, layout, settings) -> None:
-        names = {
-            "budget_triangles": "Triangles",
-            "budget_memory": "Memory, MB",
-            "budget_finest": "Agents at LOD 0",
-        }
-        for name, text in names.items():
-            limit(layout, settings, name, text)
+        for setting, text, _ in LIMITS.values():
+            limit(layout, settings, setting, text)
         _possible_budgets(context, layout, settings)
 
 
@@ -264,8 +258,8 @@ def _calibrated(scene: bpy.types.Scene) -> tuple[str, str]:
     """Return (what the estimates of time rest on, its icon)."""
     calibration = calibration_of(scene)
     if calibration is None:
-        return f"Time by costs of {DEVELOPERS}", "INFO"
-    return f"Time by costs of this machine, {calibration.age}", "CHECKMARK"
+        return "Not calibrated here", "INFO"
+    return f"Calibrated: {calibration.age}", "CHECKMARK"
 
 
 class CROWDLOD_PT_view_layers(Step, bpy.types.Panel):
@@ -309,6 +303,9 @@ class CROWDLOD_PT_hand_over(Step, bpy.types.Panel):
 
     def body(self, context, layout, settings) -> None:
         scene = context.scene
+        lacks = [] if at_work or needs.crowd(scene) or needs.camera(scene) else _lacks(scene)
+        for lack in lacks:
+            _draw_lack(layout, lack, letters_of(context))
         if not sizes_of(settings):
             button(layout, "crowd_lod.estimate", text="Estimate Sizes", icon="MEMORY")
         self.bake(context, layout.column(align=True))
@@ -319,16 +316,14 @@ class CROWDLOD_PT_hand_over(Step, bpy.types.Panel):
         button(column, "crowd_lod.export_usd", icon="EXPORT")
         if size := sizes_of(settings).get("crowd_lod.export_usd"):
             label(column, f"About {size.file}", "FILE")
-        _draw_lacks(column, scene, "crowd_lod.export_usd")
         layout.separator()
         column = layout.column(align=True)
-        column.prop(settings, "farm_chunk")
+        wide(column, settings, "farm_chunk")
         button(column, "crowd_lod.write_farm_job", icon="NETWORK_DRIVE")
         frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
         tasks = counted(-(-len(frames) // settings.farm_chunk), "task")
         size = sizes_of(settings).get("crowd_lod.bake")
         label(column, f"{tasks}{f', each opens {size.file}' if size else ''}", "FILE")
-        _draw_lacks(column, scene, "crowd_lod.write_farm_job")
 
     def bake(self, context, layout) -> None:
         """Draw the button of the bake, gray where it would make the same again."""
@@ -344,18 +339,19 @@ class CROWDLOD_PT_hand_over(Step, bpy.types.Panel):
             label(layout, _built(settings.build), "CHECKMARK" if not row.enabled else "INFO")
         elif settings.build is not None:
             label(layout, "The live build moves with Crowd LOD alone", "INFO")
-        _draw_lacks(layout, scene, "crowd_lod.bake")
 
 
-def _draw_lacks(layout, scene: bpy.types.Scene, operator: str) -> None:
-    """Draw what an output still needs, and beside it the step to press."""
-    if at_work or needs.crowd(scene) or needs.camera(scene):
-        return
-    for lack in lacks_of(scene, operator):
-        row = layout.row(align=True)
-        row.alert = True
-        label(row, lack.sentence, "ERROR")
-        row.operator(lack.operator, text="", icon="FORWARD")
+def _lacks(scene: bpy.types.Scene) -> list[Lack]:
+    """Return what the outputs still need; what several of them need counts once."""
+    outputs = "crowd_lod.bake", "crowd_lod.export_usd", "crowd_lod.write_farm_job"
+    return list(dict.fromkeys(lack for name in outputs for lack in lacks_of(scene, name)))
+
+
+def _draw_lack(layout, lack: Lack, letters: int) -> None:
+    """Draw what is missing or out of date, and beside it the step to press."""
+    row = layout.row(align=True)
+    paragraph(row, lack.sentence, "ERROR", letters - 3)
+    row.operator(lack.operator, text="", icon="FORWARD")
 
 
 CLASSES = (

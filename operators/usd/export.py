@@ -21,9 +21,10 @@ from ...crowd_lod.frame.instances import (
     rotations_of,
 )
 from ...crowd_lod.frame.planned import note_of, unplanned_notes
-from ...crowd_lod.progress import share
+from ...crowd_lod.progress import share, standing
 from ...crowd_lod.reporting import files
 from ..blender import frame_stepping, scene_data
+from ..characters.cast_provenance import reading
 from ..render_setup.frame_update import columns_of, held_by
 from ..scene import lights
 from ..scene.scene_crowd import frame_of, trajectory_of
@@ -87,6 +88,7 @@ def export_usd(scene: bpy.types.Scene, request: UsdExport) -> Generator[float, N
     no file.
     """
     usd = openusd()
+    yield 0.0
     path = files.follow_link(request.path)
     if printable(path) != str(path):
         raise CrowdError(
@@ -154,6 +156,7 @@ def plan_frames(
                 approach(trajectory, time), count / len(frames), (count + 0.9) / len(frames)
             )
             film, around, shutter = lights.read_moment(scene, time, at)
+            yield from standing(reading(scene), (count + 0.9) / len(frames))
             frame = frame_of(scene, None, time, film, trajectory, around, shutter)
             unplanned.append(note_of(number, frame.unplanned, request.strict))
             plans[number] = instances_of_frame(frame, library)

@@ -47,14 +47,14 @@ def key_count(rigs):
 def test_rigs_move_as_before_about_the_frames_of_a_bake(levelled, rigs, frames):
     times = [frame + part for frame in frames for part in (-1, 0.3, 1)]
     before = poses(levelled, rigs, times)
-    trim_actions(rigs, frames)
+    finished(trim_actions(rigs, frames))
     assert np.abs(poses(levelled, rigs, times) - before).max() < 1e-4
 
 
 def test_few_frames_need_few_keys(rigs):
     whole = key_count(rigs)
     moving = [rig for rig in rigs if len(times_of(rig)) > 1]
-    trim_actions(moving[:1], [5.0])
+    finished(trim_actions(moving[:1], [5.0]))
     assert key_count(moving[:1]) < whole / 2
 
 

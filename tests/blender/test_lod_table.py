@@ -10,6 +10,7 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.levels import selection
+from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.reporting.html_report import page
 from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.operators.characters import (
@@ -165,8 +166,8 @@ def test_the_picture_tints_by_the_distance_to_the_source():
     off = Surface(square + (0.25, 0, 0), faces)
     nothing = np.zeros(2, bool)
     views = [InPose(flat, level, nothing, level.points[2]) for level in (flat, off)]
-    pixels, most = lod_picture.draw_lods(
-        views, ["two triangles", "two triangles"], ["hidden", "worst"], 0.0
+    pixels, most = finished(
+        lod_picture.draw_lods(views, ["two triangles", "two triangles"], ["hidden", "worst"], 0.0)
     )
     assert most == pytest.approx(0.25, rel=1e-5)
     low = pixels[: len(pixels) // 2, ..., :3].reshape(-1, 3)[::7].astype(int)
@@ -176,7 +177,7 @@ def test_the_picture_tints_by_the_distance_to_the_source():
         shades = np.arange(0.8, 1.001, 0.01)[:, None] * end
         assert (np.abs(low[:, None] - shades[None]).max(axis=2).min(axis=1) <= 3).mean() > 0.1
     before = len(bpy.data.curves), len(bpy.data.objects), len(bpy.data.meshes)
-    lod_picture.draw_lods(views[:1], ["again"], ["hidden"], 1.0)
+    finished(lod_picture.draw_lods(views[:1], ["again"], ["hidden"], 1.0))
     assert (len(bpy.data.curves), len(bpy.data.objects), len(bpy.data.meshes)) == before
 
 
@@ -187,7 +188,7 @@ def test_the_picture_rings_the_worst_place_and_grays_what_nobody_sees():
     off = Surface(square + (0.25, 0, 0), faces)
     hidden = np.array([True, False])
     views = [InPose(flat, level, hidden, level.points[2]) for level in (flat, off)]
-    pixels, _ = lod_picture.draw_lods(views, ["whole", "off"], ["hidden", "worst"], 0.0)
+    pixels, _ = finished(lod_picture.draw_lods(views, ["whole", "off"], ["hidden", "worst"], 0.0))
     low = pixels[: len(pixels) // 2, ..., :3].astype(int)
     ring = (np.abs(low - np.array(lod_picture.MARK) * 255).max(axis=2) <= 2).nonzero()
     assert (

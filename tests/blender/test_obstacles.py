@@ -26,6 +26,20 @@ def places_of(street):
     return np.concatenate([np.column_stack([crowd.x, crowd.y]) for crowd in crowds])
 
 
+def test_further_crowds_get_walls_of_their_own(street):
+    settings = street.crowd_lod
+    settings.use_crowd = False
+    settings.crowds.add().name = "Guests"
+    guests = settings.crowds[0]
+    guests.count = 30
+    guests.size = settings.size
+    assert "Guests: Agents would walk through kiosk" in warnings_of(street)
+    bpy.ops.object.select_all(action="DESELECT")
+    bpy.ops.crowd_lod.walls_from_selection()
+    assert [area.name for area in guests.areas] == ["kiosk"] and not len(settings.areas)
+    assert "kiosk" not in warnings_of(street)
+
+
 def test_walls_are_made_of_what_is_in_the_way(street):
     settings = street.crowd_lod
     trouble = warnings_of(street)

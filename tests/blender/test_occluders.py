@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.frame.hidden import hidden_wholly
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.crowd_lod.shot.survey import HIDDEN
 from crowd_lod_extension.operators.overlay.agent_colors import by_reason
 from crowd_lod_extension.operators.render_setup import render_setup
 from crowd_lod_extension.operators.render_setup.cost_estimate import estimate
@@ -114,6 +113,17 @@ def test_what_is_not_solid_hides_nobody_and_is_told(street):
     assert around.occluders is None and "needs Shadows" in reasons_of(street)
 
 
+def test_workbench_shows_through(street):
+    street.render.engine = "BLENDER_WORKBENCH"
+    assert surroundings(street).occluders is not None
+    street.display.shading.type = "WIREFRAME"
+    assert surroundings(street).occluders is None
+    street.display.shading.type = "SOLID"
+    character = next(iter(street.crowd_lod.characters.all_objects))
+    character.show_in_front = True
+    assert surroundings(street).occluders is None and "In Front" in reasons_of(street)
+
+
 def test_instances_of_collections_hide_agents(street):
     home = bpy.data.collections.new("Row")
     item = bpy.data.objects["House 0 0"]
@@ -171,6 +181,13 @@ def test_a_gate_hides_when_it_is_shut_and_not_while_the_shutter_sees_it_move(str
     street.frame_set(3)
     street.render.use_motion_blur = True
     assert "moves while the shutter is open: Gate" in reasons_of(street)
+    blurred = planned(street)
+    assert 0 < hidden_wholly(blurred) < blurred.hidden.sum()
+    item = bpy.data.objects["House 0 0"]
+    for number, hides in ((2, True), (3, False)):
+        item.hide_render = hides
+        item.keyframe_insert("hide_render", frame=number)
+    assert "moves while the shutter is open: House 0 0, Gate" in reasons_of(street)
 
 
 def test_estimate_tells_the_gain_and_the_digest_the_scenery(street):
@@ -193,14 +210,16 @@ def test_estimate_tells_the_gain_and_the_digest_the_scenery(street):
 
 def test_a_plan_knows_who_is_hidden(street):
     """Nobody hidden asks for a LOD, and plan and frames agree on who that is."""
-    survey = finished(survey_of(street, [1, 2])).survey
-    hidden = survey.kind == HIDDEN
+    surveyed = finished(survey_of(street, [1, 2]))
+    assert any("let light through" in item.reason for item in surveyed.left_out)
+    survey = surveyed.survey
     for f, number in enumerate((1, 2)):
         street.frame_set(number)
         frame = planned(street)
-        assert hidden_wholly(frame) == hidden[f].sum() > 0
-        assert set(frame.buckets.order) == set(np.flatnonzero(survey.is_seen[f]))
-    assert not survey.scale[hidden].any()
+        assert hidden_wholly(frame) == survey.hidden[f] > 0
+        agents, cells = survey.cells.in_frame(f)
+        assert set(frame.buckets.order) == set(agents[survey.is_seen[cells]])
+        assert not survey.scale[cells[frame.hidden[agents]]].any()
     colors = by_reason(frame)
     names = {colors.names[index] for index in colors.index[frame.hidden]}
     assert names == {"Hidden by scenery"}

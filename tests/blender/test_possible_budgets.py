@@ -61,6 +61,31 @@ def test_lods_that_hold_a_new_budget_anyway_are_not_made_again(planned):
     assert "budget" in changed(planned)
 
 
+@pytest.mark.once
+def test_make_heeds_memory_and_overrides(planned):
+    settings = planned.crowd_lod
+    settings.choice = "BY_TOLERANCE"
+    settings.tolerance = 0.01
+    settings.budget_memory = 1e-3
+    with pytest.raises(CrowdError, match="set Memory to"):
+        finished(make_levels(planned))
+    settings.budget_memory = 0
+    settings.budget_vertices = 60
+    entry = settings.exceptions.add()
+    entry.kind = "ALWAYS"
+    entry.level = 0
+    entry.agents = "0-5"
+    with pytest.raises(CrowdError, match="set Vertices to") as error:
+        finished(make_levels(planned))
+    settings.budget_vertices = int(
+        re.search(r"Vertices to ([\d,]+)", str(error.value))[1].replace(",", "")
+    )
+    finished(make_levels(planned))
+    plan = finished(plan_shot(planned, wanted_of(planned, Path(), [1, 2])))
+    assert 60 < plan.plan.bill.vertices.max() <= settings.budget_vertices
+    assert plan.plan.bill.counts[:, 1:].sum() == 0
+
+
 def test_make_chooses_lods_for_the_budget_and_the_plan_holds_it(planned):
     settings = planned.crowd_lod
     settings.choice = "BY_TOLERANCE"

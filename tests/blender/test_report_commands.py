@@ -62,7 +62,7 @@ def test_error_report_leaves_tables_and_plots(tmp_path, capfd):
 @pytest.mark.once
 def test_extremes_and_audit_are_tables_without_a_missed_or_a_broken_agent(tmp_path, capfd):
     page = tmp_path / "extremes.md"
-    assert run("report", "extremes", "--most", "10000", "--quiet", "--json", "--out", page) == 0
+    assert run("report", "extremes", "--most", "1000", "--quiet", "--json", "--out", page) == 0
     found = json.loads(capfd.readouterr().out)
     assert len(found["cases"]) > 20 and sum(row["missed"] for row in found["cases"]) == 0
     behavior = {row["case"]: row for row in found["behavior"]}

@@ -12,7 +12,7 @@ from crowd_lod_extension.crowd_lod.culling.camera import lens_blur
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 from crowd_lod_extension.crowd_lod.shot.blur import blur_of
-from crowd_lod_extension.crowd_lod.shot.survey import empty, record
+from crowd_lod_extension.crowd_lod.shot.recording import begin_recording
 
 from ..support.cameras import straight
 from ..support.crowds import crowd_at, walker
@@ -74,17 +74,22 @@ def test_lods_are_coarser_by_the_blur_and_no_more(crowd):
     shutter = [(1.0, (panned(camera, angle),)) for angle in (-0.02, 0.0, 0.02)]
     frame = plan(crowd, camera, POLICY, 1.0, shutter)
     library = Library(np.zeros(1, np.intp))
-    about = [1], [1.0], crowd.start.group, library.first(crowd.gaits)
-    plain = empty(*about)
-    blurred = replace(empty(*about), blurred=1.0, bounds=np.array([GROUP.bounds]))
-    for survey in (plain, blurred):
-        record(survey, 0, frame, library)
+    recordings = [
+        begin_recording([1], [1.0], crowd.start.group, library.first(crowd.gaits), library)
+        for _ in range(2)
+    ]
+    recordings[1].blurred = 1.0
+    recordings[1].bounds = np.array([GROUP.bounds])
+    for recording in recordings:
+        recording.add(frame)
+    plain, blurred = (recording.survey() for recording in recordings)
     blur = blur_of(frame, np.arange(len(PLACES)))
     coarser = 0
     for agent in frame.buckets.order:
-        scale = float(plain.scale[0, agent])
+        scale = float(plain.cells.row(plain.scale, 0)[agent])
         allowed = [k for k, bound in enumerate(GROUP.bounds) if scale * bound <= 1.0 + blur[agent]]
-        assert blurred.coarsest[0, agent] in (max(allowed), max(allowed) - 1)
-        assert scale * GROUP.bounds[blurred.coarsest[0, agent]] <= (1.0 + blur[agent]) * 1.001
-        coarser += blurred.coarsest[0, agent] > plain.coarsest[0, agent]
+        coarsest = blurred.cells.row(blurred.coarsest, 0)[agent]
+        assert coarsest in (max(allowed), max(allowed) - 1)
+        assert scale * GROUP.bounds[coarsest] <= (1.0 + blur[agent]) * 1.001
+        coarser += coarsest > plain.cells.row(plain.coarsest, 0)[agent]
     assert coarser > 0

@@ -20,9 +20,9 @@ from crowd_lod_extension.crowd_lod.shot.budget_points import (
 )
 from crowd_lod_extension.crowd_lod.shot.shot import decide, objective
 from crowd_lod_extension.crowd_lod.shot.shot_cost import Bill, Meshes, Shot
-from crowd_lod_extension.crowd_lod.shot.survey import SEEN, at_tolerance, empty
+from crowd_lod_extension.crowd_lod.shot.survey import SEEN, at_tolerance
 
-from ..support.surveys import BOUNDS, TRIANGLES, pixels_of, sequences, some_shot
+from ..support.surveys import BOUNDS, TRIANGLES, Grid, pixels_of, sequences, some_shot, whole_survey
 
 NOTICED = 0.25  # pixels as which a switch counts besides
 ENGINES = ["EEVEE", "CYCLES"]
@@ -32,16 +32,18 @@ def plaza(agents=400, frames=40, engine="EEVEE", lods=4, tolerance=1.0):
     """A crowd on a square, over which a camera comes down and turns."""
     random = np.random.default_rng(3)
     group = np.sort(random.integers(2, size=agents))
-    survey = empty(range(frames), range(frames), group, np.array([0, 4, 8]))
+    survey = whole_survey(frames, group, np.array([0, 4, 8]))
+    survey.numbers[:] -= 1
+    grid = Grid(survey)
     at = random.uniform(-50, 50, (agents, 2)) + random.normal(0, 0.05, (frames, 1, 1)).cumsum(
         axis=0
     )
     for f, way in enumerate(np.linspace(0, 1, frames)):
         offset = at[f] - [0, -75 + 60 * way]
         seen = np.abs(np.arctan2(offset[:, 0], offset[:, 1]) - 0.4 * way) < 0.6
-        survey.kind[f] = np.where(seen, SEEN, 0)
-        survey.scale[f] = np.where(seen, 600 / np.hypot(np.hypot(*offset.T), 40 - 37 * way), 0)
-        survey.character[f] = group * 4 + (np.arange(agents) + f // 3) % 4
+        grid.kind[f] = np.where(seen, SEEN, 0)
+        grid.scale[f] = np.where(seen, 600 / np.hypot(np.hypot(*offset.T), 40 - 37 * way), 0)
+        grid.character[f] = group * 4 + (np.arange(agents) + f // 3) % 4
     survey.cuts[frames // 2] = True
     return Shot(
         at_tolerance(survey, BOUNDS[:, :lods], tolerance),
@@ -52,7 +54,8 @@ def plaza(agents=400, frames=40, engine="EEVEE", lods=4, tolerance=1.0):
 
 def loads(shot, levels, table):
     """What each frame takes, (F,), agent by agent."""
-    seen = shot.survey.is_seen
+    seen = Grid(shot.survey).is_seen
+    levels = Grid(shot.survey).of(levels)
     return np.array(
         [table[shot.survey.group, own][row].sum() for own, row in zip(levels, seen, strict=True)]
     )
@@ -63,7 +66,7 @@ def between(shot, part):
     1.
     """
     least = loads(
-        shot, np.full(shot.survey.kind.shape, shot.meshes.count - 1), shot.meshes.triangles
+        shot, np.full_like(shot.survey.kind, shot.meshes.count - 1), shot.meshes.triangles
     ).max()
     return least + part * (finished(decide(shot)).bill.triangles.max() - least)
 
@@ -71,7 +74,7 @@ def between(shot, part):
 def priced(shot, weight, agent, sequence):
     """What the LODs (F,) of an agent cost that shares its character with nobody."""
     seconds = default_costs("EEVEE").seconds
-    seen = shot.survey.kind[:, agent] == SEEN
+    seen = Grid(shot.survey).kind[:, agent] == SEEN
     total = 0.0
     held = set()
     for f, level in enumerate(sequence):
@@ -99,7 +102,8 @@ def least_within(shot, weight, limit):
             options = {}
             for sequence in sequences(shot, agent):
                 load = tuple(
-                    int(shot.meshes.triangles[0, k] // 1000) * bool(shot.survey.is_seen[f, agent])
+                    int(shot.meshes.triangles[0, k] // 1000)
+                    * bool(Grid(shot.survey).is_seen[f, agent])
                     for f, k in enumerate(sequence)
                 )
                 options[load] = min(options.get(load, inf), priced(shot, weight, agent, sequence))
@@ -125,10 +129,12 @@ def least_within(shot, weight, limit):
 def test_plan_lies_between_its_bound_and_the_best_of_all_assignments(seed, limit):
     """All of 6 agents x 6 frames x 3 LODs."""
     shot = some_shot(seed, agents=6, frames=6, seen=0.6, tolerance=1)
-    own = (shot.survey.group.astype(int) * 6 + np.arange(6)) * (shot.survey.kind > 0)
+    own = (shot.survey.group.astype(int) * 6 + np.arange(6)) * (Grid(shot.survey).kind > 0)
     triangles = np.array([[4000.0, 2000, 1000]] * 2)
     survey = replace(
-        shot.survey, character=own.astype(np.uint16), owner=np.repeat([0, 1], 6).astype(np.uint8)
+        shot.survey,
+        character=own.ravel().astype(np.uint16),
+        owner=np.repeat([0, 1], 6).astype(np.uint8),
     )
     survey.rays[:] = 0
     shot = Shot(survey, Meshes(triangles, triangles, BOUNDS[:, :3]), default_costs("EEVEE"))
@@ -145,13 +151,13 @@ def greedy(shot, limit):
     """LODs of Funkhouser and Sequin (1993): in each frame the most error less per triangle first,
     until the budget is spent.
     """
-    levels = shot.coarsest
+    levels = Grid(shot.survey).of(shot.coarsest)
     triangles = shot.meshes.triangles
     bounds = shot.meshes.bounds
     for f in range(len(levels)):
-        agents = np.flatnonzero(shot.survey.kind[f] == SEEN)
+        agents = np.flatnonzero(Grid(shot.survey).kind[f] == SEEN)
         group = shot.survey.group[agents]
-        scale = shot.survey.scale[f, agents].astype(float)
+        scale = Grid(shot.survey).scale[f, agents].astype(float)
         now = levels[f, agents]
         left = limit - triangles[shot.survey.group[agents], levels[f, agents]].sum()
         while True:
@@ -165,7 +171,7 @@ def greedy(shot, limit):
             left -= more[best]
             now[best] -= 1
         levels[f, agents] = now
-    return levels
+    return levels.ravel()
 
 
 @pytest.mark.once
@@ -237,9 +243,11 @@ def test_exceptions_hold_within_a_budget():
     number = np.arange(400)
     always = np.where(number % 20 == 0, 2, 0)
     limit = np.where(number % 20 == 0, 2, np.where(number % 20 == 1, 1, 255))
-    whole = np.ones(shot.survey.kind.shape, np.uint8)
+    frames = len(shot.survey.times)
     survey = replace(
-        shot.survey, finest=whole * always.astype(np.uint8), limit=whole * limit.astype(np.uint8)
+        shot.survey,
+        finest=np.tile(always.astype(np.uint8), frames),
+        limit=np.tile(limit.astype(np.uint8), frames),
     )
     shot = replace(shot, survey=at_tolerance(survey, shot.meshes.bounds, 1.0))
     least = loads(shot, relaxed(shot, inf).coarsest, shot.meshes.triangles).max()
@@ -248,14 +256,15 @@ def test_exceptions_hold_within_a_budget():
     for budget in (least, 1.1 * least):
         plan = finished(decide_within(shot, Budget(triangles=budget)))
         assert loads(shot, plan.levels, shot.meshes.triangles).max() <= budget
-        assert ((plan.levels >= always) & (plan.levels <= limit))[shot.survey.is_seen].all()
+        levels = Grid(shot.survey).of(plan.levels)
+        assert ((levels >= always) & (levels <= limit))[Grid(shot.survey).is_seen].all()
 
 
 @pytest.mark.once
 @pytest.mark.parametrize("worst", [0, -5, nan, 1000, -inf])
 def test_impossible_budget_says_what_is_possible(worst):
     shot = plaza()
-    coarsest = Bill(shot, np.full(shot.survey.kind.shape, 3, np.uint8))
+    coarsest = Bill(shot, np.full_like(shot.survey.kind, 3))
     frame = coarsest.triangles.argmax()
     least = coarsest.triangles.max()
     with pytest.raises(
@@ -284,7 +293,7 @@ def test_plan_within_a_budget_is_the_same_on_every_python():
 
 def test_crowd_of_nobody_fits():
     plan = finished(decide_within(some_shot(0, agents=0), Budget(triangles=1)))
-    assert plan.levels.shape == (5, 0) and plan.tolerance == 0
+    assert plan.levels.shape == (0,) and plan.tolerance == 0
 
 
 def test_points_of_error_against_cost_end_at_the_least_that_is_possible():

@@ -1,5 +1,6 @@
 """LODs for a budget: few of them, at the least tolerance at which each frame of the shot holds."""
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -7,7 +8,8 @@ import pytest
 from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.levels.budget_fit import Budget, BudgetSearch
-from crowd_lod_extension.crowd_lod.levels.selection import View
+from crowd_lod_extension.crowd_lod.levels.cost_model import default_costs
+from crowd_lod_extension.crowd_lod.levels.selection import GroupShot, View
 
 from ..support.cameras import straight
 
@@ -47,7 +49,8 @@ def loads(keep, tolerance):
 
 
 def search_for(budget, measured=NOTHING, given=NOTHING):
-    return BudgetSearch(GROUPS, VIEWS, budget, measured, given)
+    shots = [GroupShot(views, 1, default_costs("CYCLES")) for views in VIEWS]
+    return BudgetSearch(GROUPS, shots, budget, measured, given)
 
 
 @pytest.mark.parametrize("budget", [Budget(60_000), Budget(25_000), Budget(finest=1)])
@@ -78,6 +81,34 @@ def test_an_impossible_budget_names_one_that_is_possible():
         search_for(Budget(11_000), measured).fit([[0], [0]], 1.0)
     keep, tolerance = search_for(Budget(12_000), measured).fit([[0], [0]], 1.0)
     assert loads(keep, tolerance)[0] <= 12_000
+
+
+def test_a_budget_of_memory_holds_and_leaves_out_what_takes_more():
+    whole = [range(5), range(5)]
+    free = search_for(Budget(memory=1e12)).loads(whole, 0.5)["memory"][0]
+    coarse = search_for(Budget(memory=1e12)).loads(whole, np.inf)["memory"][0]
+    assert coarse < 0.8 * free
+    search = search_for(Budget(memory=0.5 * (free + coarse)), whole)
+    keep, tolerance = search.fit([[0, 1], [0, 1]], 0.5)
+    assert search.hold(keep, tolerance)
+    assert not search.hold(keep, tolerance / 1.2)
+    with pytest.raises(CrowdError, match=r"set Memory to .* MB or more"):
+        search_for(Budget(memory=0.9 * coarse), whole).fit([[0], [0]], 0.5)
+
+
+def test_vertices_count_as_triangles_do_where_they_are_alike():
+    by_triangles = search_for(Budget(25_000), [range(5), range(5)]).fit([[0], [0]], 0.5)
+    by_vertices = search_for(Budget(vertices=25_000), [range(5), range(5)]).fit([[0], [0]], 0.5)
+    assert by_vertices == by_triangles
+
+
+def test_overridden_agents_keep_their_lods_in_any_budget():
+    always = np.array([0, 0])
+    views = [[replace(view, lods=always) for view in views] for views in VIEWS]
+    shots = [GroupShot(each, 1, default_costs("CYCLES")) for each in views]
+    search = BudgetSearch(GROUPS, shots, Budget(100_000), [range(5), range(5)], NOTHING)
+    with pytest.raises(CrowdError, match=r"set Triangles to 480,000 or more"):
+        search.fit([[0], [0]], 1.0)
 
 
 def test_lods_that_artists_gave_stay():

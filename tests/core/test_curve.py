@@ -19,7 +19,7 @@ from crowd_lod_extension.crowd_lod.shot.shot import decide
 from crowd_lod_extension.crowd_lod.shot.shot_cost import Bill
 from crowd_lod_extension.crowd_lod.shot.survey import SEEN
 
-from ..support.surveys import BOUNDS, TRIANGLES, pixels_of, some_shot
+from ..support.surveys import BOUNDS, TRIANGLES, Grid, pixels_of, some_shot
 
 TOLERANCE = 2.0
 
@@ -46,18 +46,22 @@ def test_points_are_what_their_lods_cost(engine):
         (own, plan.levels, plan.bill),
         (thresholds, survey.coarsest, plan.thresholds),
     ):
-        seen = survey.is_seen
+        levels = Grid(survey).of(levels)
+        seen = Grid(survey).is_seen
         group = np.broadcast_to(survey.group, seen.shape)[seen]
         assert point.triangles == pytest.approx(
             TRIANGLES[group, levels[seen]].sum() / TRIANGLES[group, 0].sum()
         )
-        assert point.error == (survey.scale[seen].astype(float) * BOUNDS[group, levels[seen]]).max()
+        assert (
+            point.error
+            == (Grid(survey).scale[seen].astype(float) * BOUNDS[group, levels[seen]]).max()
+        )
         assert point.switches == sum(
             pixels_of(shot, f, a, levels[f - 1, a], levels[f, a]) > 0
             for f in range(1, 12)
             for a in range(60)
         )
-        full = Bill(shot, np.zeros_like(levels))
+        full = Bill(shot, np.zeros_like(plan.levels))
         assert point.seconds == pytest.approx(cost.price.seconds / full.price.seconds)
         assert point.memory == pytest.approx(cost.price.memory / full.price.memory)
         assert of_full_detail(shot, full) == (1, 1, 1)
@@ -100,16 +104,16 @@ def test_more_weight_of_pops_means_fewer_of_them():
 def test_hysteresis_is_that_of_one_agent_after_another(seed):
     shot = some_shot(seed, agents=50, frames=20, lods=4, seen=0.9)
     survey = shot.survey
-    found = hysteresis(shot.survey, BOUNDS, TOLERANCE)
+    found = Grid(survey).of(hysteresis(survey, BOUNDS, TOLERANCE))
     held = 0
     for a in range(50):
         begins = BOUNDS[survey.group[a]] / TOLERANCE  # meters a pixel, which stand for distances
         now = None
         for f in range(20):
-            if survey.kind[f, a] != SEEN:
+            if Grid(survey).kind[f, a] != SEEN:
                 now = None
                 continue
-            distance = 1 / float(survey.scale[f, a])
+            distance = 1 / float(Grid(survey).scale[f, a])
             plain = max(k for k in range(4) if distance >= begins[k])
             if now is None or survey.cuts[f]:
                 now = plain

@@ -236,16 +236,16 @@ def edits(draw, count, groups):
 def test_nobody_is_missed_and_leave_outs_change_nothing_whatever_is_edited(blocks):
     outcomes = set()
 
-    @settings(max_examples=15)
+    @settings(max_examples=10)
     @given(st.data(), trajectories(GROUPS, [17, 129]), generators)
     def exact(data, own, random):
         edited = Edited(own, data.draw(edits(len(own.start), len(own.groups))))
         camera = straight(offset=(random.uniform(-40, 60), random.uniform(-40, 60), 1.7))
-        for time in (1, 9, 30.25):
+        for time in (1, 30.25):
             shutter = [(time - 0.5, [camera]), (time + 0.5, [camera])]
             frame = plan(edited, camera, POLICY, time, shutter)
             outcomes.update(frame.left_out)
-            for moment in (time, time - 0.5, time + 0.5):
+            for moment in (time - 0.5, time + 0.5):
                 crowd = edited.at(moment)
                 center = np.array([group.center for group in own.groups])[crowd.group]
                 radius = np.array([group.radius for group in own.groups])[crowd.group]

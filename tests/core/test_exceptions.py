@@ -21,7 +21,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ..support.strategies import generators, sometimes
-from ..support.surveys import BOUNDS, sequences, some_shot
+from ..support.surveys import BOUNDS, Grid, sequences, some_shot
 
 
 def rule(kind, level=0, agents=(0,), first=None, last=None):
@@ -111,8 +111,8 @@ def test_lods_that_an_agent_does_not_have_are_refused():
 @pytest.mark.parametrize("seed", range(4))
 def test_plans_keep_to_the_exceptions_in_their_frames_and_lie_above_their_bound(seed, engine):
     shot = some_shot(seed, agents=6, frames=8, lods=4, engine=engine, tolerance=20)
-    shot.survey.kind[shot.survey.kind == CULLED] = SEEN
-    without = shot.allowed
+    Grid(shot.survey).kind[Grid(shot.survey).kind == CULLED] = SEEN
+    without = Grid(shot.survey).of(shot.allowed)
     shot = with_rules(
         shot,
         rule("NEVER_COARSER", 1, [0, 1]),
@@ -120,11 +120,12 @@ def test_plans_keep_to_the_exceptions_in_their_frames_and_lie_above_their_bound(
         rule("ALWAYS", 0, [3], 5),
     )
     plan = finished(decide(shot))
-    seen = shot.survey.is_seen
-    assert (plan.levels[:, :2] <= 1)[seen[:, :2]].all() and (without[:, :2] > 1)[seen[:, :2]].any()
-    assert (plan.levels[2:6, 2] == 3)[seen[2:6, 2]].all()
-    assert (plan.levels[4:, 3] == 0)[seen[4:, 3]].all()
-    assert (plan.levels <= shot.survey.coarsest)[seen].all()
+    seen = Grid(shot.survey).is_seen
+    levels = Grid(shot.survey).of(plan.levels)
+    assert (levels[:, :2] <= 1)[seen[:, :2]].all() and (without[:, :2] > 1)[seen[:, :2]].any()
+    assert (levels[2:6, 2] == 3)[seen[2:6, 2]].all()
+    assert (levels[4:, 3] == 0)[seen[4:, 3]].all()
+    assert (plan.levels <= shot.survey.coarsest)[shot.survey.is_seen].all()
     assert finished(lower_bound(shot, plan.weight)) <= plan.bill.price.seconds * 8 + plan.weight * (
         plan.bill.pixels.sum() + 0.25 * plan.bill.switches.sum()
     ) * (1 + 1e-6)
@@ -139,9 +140,10 @@ def test_program_finds_the_least_of_all_that_exceptions_leave(seed):
     )
     table = np.random.default_rng(seed).integers(1000, size=(5, 3, 2)).astype(np.float32)
     levels, cost = finished(decided(shot, table, 0.0))
+    levels = Grid(shot.survey).of(levels)
     least = 0.0
     for agent in range(2):
-        own = shot.survey.character[:, agent]
+        own = Grid(shot.survey).character[:, agent]
         least += min(
             sum(table[f, k, own[f]] for f, k in enumerate(one)) for one in sequences(shot, agent)
         )
@@ -152,16 +154,16 @@ def test_program_finds_the_least_of_all_that_exceptions_leave(seed):
 def test_hidden_agents_count_as_culled_and_enter_when_they_appear_in_sight():
     survey = some_shot(0, agents=4, seen=1.0).survey
     survey.cuts[:] = False
-    survey.kind[:, 1] = SHADOW
+    Grid(survey).kind[:, 1] = SHADOW
     survey.entered[1] = np.array([0, 3])
     survey = excepted(survey, [rule("HIDE", 0, [0, 1], 2, 3)])
     assert (
-        survey.kind
+        Grid(survey).kind
         == [[SEEN, SHADOW, SEEN, SEEN]]
         + 2 * [[CULLED, CULLED, SEEN, SEEN]]
         + 2 * [[SEEN, SHADOW, SEEN, SEEN]]
     ).all()
-    assert not survey.scale[1:3, :2].any()
+    assert not Grid(survey).scale[1:3, :2].any()
     assert [each.tolist() for each in survey.entered] == [[], [3], [], [0], []]
 
 
@@ -169,8 +171,10 @@ def test_of_two_exceptions_the_later_one_holds():
     shot = some_shot(0, agents=3, seen=1.0)
     pin = rule("ALWAYS", 2, [0, 1])
     hide = rule("HIDE", 0, [1, 2])
-    assert excepted(shot.survey, [hide, pin]).kind[0].tolist() == [SEEN, SEEN, CULLED]
-    assert excepted(some_shot(0, agents=3, seen=1.0).survey, [pin, hide]).kind[0].tolist() == [
+    assert Grid(excepted(shot.survey, [hide, pin])).kind[0].tolist() == [SEEN, SEEN, CULLED]
+    assert Grid(excepted(some_shot(0, agents=3, seen=1.0).survey, [pin, hide])).kind[
+        0
+    ].tolist() == [
         SEEN,
         CULLED,
         CULLED,
@@ -183,12 +187,12 @@ def test_exceptions_hold_at_every_tolerance_and_for_a_part_of_the_agents():
         [rule("ALWAYS", 1, [1]), rule("NEVER_COARSER", 1, [2])],
     )
     for tolerance in (0.0, 1.0, 1e9):
-        found = at_tolerance(survey, BOUNDS[:, :3], tolerance).coarsest
+        found = Grid(at_tolerance(survey, BOUNDS[:, :3], tolerance)).coarsest
         assert (found[:, 1] == 1).all() and (found[:, 2] <= 1).all()
         assert (found[:, 0] == (2 if tolerance == 1e9 else found[:, 0])).all()
-    half = survey.of(slice(1, None, 2))
-    assert (half.finest == survey.finest[:, 1::2]).all() and (
-        half.limit == survey.limit[:, 1::2]
+    half = survey.of(np.arange(1, 6, 2))
+    assert (Grid(half).finest == Grid(survey).finest[:, 1::2]).all() and (
+        Grid(half).limit == Grid(survey).limit[:, 1::2]
     ).all()
 
 

@@ -116,6 +116,9 @@ def test_every_cut_of_a_png_is_noticed_and_every_spoilt_byte(tmp_path):
             file_checks.check(path)
     path.write_bytes(data)
     file_checks.check(path)
+    path.write_bytes(data[:-1])  # it was whole before
+    with pytest.raises(CrowdError, match="not written to its end"):
+        file_checks.check(path)
 
 
 def test_a_folder_in_a_files_place_keeps_all_out(tmp_path):

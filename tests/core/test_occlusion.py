@@ -44,7 +44,10 @@ def test_nobody_who_is_seen_in_a_street_is_hidden(kind):
 
 
 def soup(random, count):
-    """A mesh of triangles that share vertices at random: folds, edges of three, flipped faces."""
+    """A mesh of triangles that share vertices at random: folds, edges of three, flipped faces.
+
+    Under it is ground, from below the camera to the horizon.
+    """
     points = random.uniform(-6, 6, (count, 3)) + [0, 12, 0]
     triangles = random.integers(0, count, (count, 3))
     grid = np.add.outer(np.arange(5) * 6, np.arange(5)).ravel()
@@ -56,7 +59,12 @@ def soup(random, count):
     sheet = sheet[random.random(len(sheet)) < 0.9] + count
     x, z = np.meshgrid(np.linspace(-9, 9, 6), np.linspace(-9, 9, 6))
     relief = np.stack([x, 8 + random.uniform(-1, 1, x.shape) * random.choice([0, 1, 6]), z], -1)
-    return mesh(np.concatenate([points, relief.reshape(-1, 3)]), np.concatenate([triangles, sheet]))
+    corners = [(-900, -900, -3), (900, -900, -4), (-900, 900, -4), (900, 900, -5)]
+    ground = np.array([(0, 1, 2), (2, 1, 3)]) + count + relief[..., 0].size
+    return mesh(
+        np.concatenate([points, relief.reshape(-1, 3), corners]),
+        np.concatenate([triangles, sheet, ground]),
+    )
 
 
 @pytest.mark.parametrize("kind", ["PERSP", "ORTHO"])
@@ -100,6 +108,17 @@ def test_a_camera_that_moves_sees_nobody_who_is_hidden():
         for camera in way:
             assert not find_seen(random, camera, centers[hidden_indices], 0.5, blocked).any()
     assert hidden_agents > 30
+
+
+def test_ground_hides_what_is_below_it():
+    """It reaches from the camera's feet, where its corners move most, to the horizon."""
+    corners = [(-300, -300, 0), (300, -300, 0), (300, 300, 0), (-300, 300, 0)]
+    ground = mesh(corners, [(0, 1, 2), (0, 2, 3)])
+    below = np.array([(2.0, y, -0.5 - 0.1 * y) for y in (20, 40, 80)])
+    way = [looking((0, y, 1.7), np.pi / 2) for y in (0.0, 0.1)]
+    for neighbors in ([], way[1:]):
+        film = OcclusionMap(ground, way[0], neighbors)
+        assert film.hides(film.rectangles(below, np.full(3, 0.4))).all()
 
 
 def test_a_box_has_no_border_and_a_flipped_face_has_one():

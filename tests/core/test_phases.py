@@ -12,12 +12,11 @@ from crowd_lod_extension.crowd_lod.shot.coloring import (
     changes_of,
     meetings_of,
     plan_phases,
-    recast,
     strides_of,
 )
 from crowd_lod_extension.crowd_lod.shot.neighbors import close_pairs
-from crowd_lod_extension.crowd_lod.shot.phases import NEAREST, Phases, palette
-from crowd_lod_extension.crowd_lod.shot.survey import SEEN
+from crowd_lod_extension.crowd_lod.shot.phases import NEAREST, Phases, palette, recast
+from crowd_lod_extension.crowd_lod.shot.survey import SEEN, Encounters
 
 from ..support.plaza_shot import library, plaza_shot
 
@@ -91,7 +90,8 @@ def test_in_step_is_what_the_crowd_shows(shot, planned):
     for f in range(0, len(survey.times), 4):
         time = survey.times[f]
         crowd = planned.phases.applied(trajectory.at(time), trajectory.gaits)
-        agents = np.flatnonzero((survey.kind[f] == SEEN) & (survey.coarsest[f] <= 3))
+        kind, coarsest = (survey.cells.row(column, f) for column in (survey.kind, survey.coarsest))
+        agents = np.flatnonzero((kind == SEEN) & (coarsest <= 3))
         place = np.column_stack((crowd.x, crowd.y, crowd.z))[agents]
         apart = np.linalg.norm(place[:, None] - place, axis=2)
         block = (
@@ -113,10 +113,12 @@ def test_the_survey_and_the_crowd_show_the_same_characters(shot, planned):
     for f in (0, 17, 39):
         time = survey.times[f]
         crowd = planned.phases.applied(trajectory.at(time), trajectory.gaits)
-        agents = np.flatnonzero(survey.kind[f] == SEEN)
+        agents, cells = survey.cells.in_frame(f)
+        is_seen = survey.is_seen[cells]
+        agents = agents[is_seen]
         seconds = trajectory.seconds(time)
         shown = library().character_of(trajectory.gaits, crowd, seconds, agents)
-        assert (shown == again.character[f, agents]).all()
+        assert (shown == again.character[cells[is_seen]]).all()
     before, after = (np.unique(each.character[each.is_seen]) for each in (survey, again))
     assert len(after) < 0.6 * len(before)
 
@@ -180,13 +182,9 @@ def ring_of(agents):
 
 def test_what_meets_nobody_has_the_fewest_classes(shot):
     trajectory, survey = shot
-    alone = replace(
-        survey,
-        pairs=[pairs[:0] for pairs in survey.pairs],
-        nearness=[near[:0] for near in survey.nearness],
-    )
+    alone = replace(survey, encounters=Encounters())
     plan = plan_phases(alone, strides_of(trajectory.groups, trajectory.gaits), 1.0)
-    assert (plan.phases.counts == coloring.FEWEST).all() and plan.in_step == 0
+    assert (plan.phases.counts == coloring.FEWEST_CLASSES).all() and plan.in_step == 0
 
 
 def test_groups_that_are_posed_keep_their_characters(shot):
@@ -201,7 +199,7 @@ def test_groups_that_are_posed_keep_their_characters(shot):
 def test_meetings_are_counted_by_frames(shot):
     _, survey = shot
     meetings = meetings_of(survey)
-    assert meetings.frames.sum() == sum(map(len, survey.pairs))
+    assert meetings.frames.sum() == len(survey.encounters.pair)
     assert len(meetings.pair) < meetings.frames.sum()
 
 
@@ -211,7 +209,7 @@ def test_near_agents_take_few_classes_of_their_palettes():
     near = np.arange(30) < 15
     start = Phases(none, np.array([8], np.uint8), none)
     shift = coloring.color(meetings, start, near=near).shift
-    assert len(np.unique(shift[near])) <= coloring.FEWEST
+    assert len(np.unique(shift[near])) <= coloring.FEWEST_CLASSES
     assert set(shift[~near]) <= set(palette(8))
 
 
@@ -221,16 +219,20 @@ def test_near_agents_share_few_classes_where_variety_allows():
     plan = plan_phases(survey, strides_of(trajectory.groups, trajectory.gaits), 1.0)
     again = recast(survey, plan.phases)
     block = survey.roles.block[again.character]
-    near = (again.is_seen & (survey.coarsest <= coloring.NEAR[-1])).any(axis=0)
+    agent = np.concatenate(
+        [np.tile(block.agents, block.end - block.begin) for block in survey.cells.blocks]
+    )
+    near = np.zeros(len(survey.group), bool)
+    near[agent[again.is_seen & (survey.coarsest <= coloring.NEAR[-1])]] = True
     near &= plan.phases.finer == 0
     counts = [
         [
-            len(np.unique(again.character[:, agents][(again.is_seen & (block == b))[:, agents]]))
-            for b in np.flatnonzero(plan.phases.counts > coloring.FEWEST)
+            len(np.unique(again.character[agents[agent] & again.is_seen & (block == b)]))
+            for b in np.flatnonzero(plan.phases.counts > coloring.FEWEST_CLASSES)
         ]
         for agents in (near, ~near)
     ]
-    assert max(counts[0]) <= coloring.FEWEST < min(counts[1])
+    assert max(counts[0]) <= coloring.FEWEST_CLASSES < min(counts[1])
     assert plan.in_step <= coloring.VARIETY
 
 
@@ -248,13 +250,20 @@ def test_given_phases_stay(shot):
 def test_agents_whose_class_drifts_in_sight_have_finer_palettes(shot):
     """As recorded tracks do, whose speed varies: one class more in every second frame."""
     trajectory, survey = shot
-    drift = np.arange(len(survey.times))[:, None] // 2
     own = survey.roles.phase_class[survey.character]
+    drift = np.concatenate(
+        [
+            np.repeat(np.arange(block.begin, block.end) // 2, len(block.agents))
+            for block in survey.cells.blocks
+        ]
+    )
     drifted = survey.character - own + (own + drift) % CLASSES
     seen = survey.kind != 0
     survey = replace(survey, character=np.where(seen, drifted, 0).astype(np.uint16))
     plan = plan_phases(survey, strides_of(trajectory.groups, trajectory.gaits), 1.0)
-    near = (survey.scale > 60).any(axis=0)
+    near = np.zeros(len(survey.group), bool)
+    for block, scale in survey.cells.tables(survey.scale):
+        near[block.agents] = (scale > 60).any(axis=0)
     assert near.sum() > 20 and (plan.phases.finer[near] > 0).mean() > 0.9
     assert plan.largest_jump < jump_of_block_palettes(survey, trajectory, plan)
 

@@ -15,7 +15,7 @@ from crowd_lod_extension.crowd_lod.shot.shot import (
 from crowd_lod_extension.crowd_lod.shot.shot_cost import Bill
 from crowd_lod_extension.crowd_lod.shot.survey import SEEN
 
-from ..support.surveys import pixels_of, sequences, some_shot
+from ..support.surveys import Grid, pixels_of, sequences, some_shot
 
 NOTICED = 0.25  # pixels as which a switch counts besides
 ENGINES = ["EEVEE", "CYCLES"]
@@ -36,8 +36,8 @@ def paid(shot, table, weight, agent, levels):
     """What an agent's LODs (F,) cost by the table (F, K, L)."""
     cost = 0.0
     for f, level in enumerate(levels):
-        if shot.survey.kind[f, agent] == SEEN:
-            cost += table[f, level, shot.survey.character[f, agent]]
+        if Grid(shot.survey).kind[f, agent] == SEEN:
+            cost += table[f, level, Grid(shot.survey).character[f, agent]]
         if pixels := pixels_of(shot, f, agent, levels[f - 1], level):
             cost += weight * (pixels + NOTICED)
     return cost
@@ -49,10 +49,11 @@ def test_program_finds_the_least_of_all_assignments(seed, weight):
     shot = some_shot(seed, each=2)
     table = np.random.default_rng(seed).integers(1000, size=(5, 3, 4)).astype(np.float32)
     levels, cost = finished(decided(shot, table, weight))
+    levels = Grid(shot.survey).of(levels)
     least = [min(paid(shot, table, weight, a, one) for one in sequences(shot, a)) for a in range(3)]
     assert cost == sum(least)
     assert [paid(shot, table, weight, a, levels[:, a]) for a in range(3)] == least
-    assert (levels <= shot.allowed).all()
+    assert (levels <= Grid(shot.survey).of(shot.allowed)).all()
 
 
 def costs(shot, weight):
@@ -60,7 +61,7 @@ def costs(shot, weight):
     survey = shot.survey
     triangles = shot.meshes.triangles
     seconds = shot.costs.seconds
-    frames, agents = survey.kind.shape
+    frames, agents = Grid(survey).kind.shape
     options = [np.array(sequences(shot, a)) for a in range(agents)]
     chosen = [
         one.ravel()
@@ -76,11 +77,11 @@ def costs(shot, weight):
         instances = 0
         instanced = 0.0
         for a in range(agents):
-            if survey.kind[f, a] == SEEN:
+            if Grid(survey).kind[f, a] == SEEN:
                 instances = instances + 1
                 instanced = instanced + triangles[survey.group[a], levels[a, :, f]]
                 for k in range(shot.meshes.count):
-                    mesh = k, survey.character[f, a]
+                    mesh = k, Grid(survey).character[f, a]
                     meshes[mesh] = meshes.get(mesh, False) | (levels[a, :, f] == k)
         held |= {mesh: held.get(mesh, False) | used for mesh, used in meshes.items()}
         unique = sum(used * triangles[survey.owner[c], k] for (k, c), used in meshes.items())
@@ -118,7 +119,7 @@ def test_plan_lies_between_its_bound_and_the_best(engine, gap, lods):
         plan = finished(decide(shot, 0.3))
         every = costs(shot, plan.weight)
         own = plan.bill.price.seconds * 4 + plan.weight * sum(
-            p + NOTICED for p in switches(shot, plan.levels)
+            p + NOTICED for p in switches(shot, Grid(shot.survey).of(plan.levels))
         )
         bound = finished(lower_bound(shot, plan.weight))
         assert bound * (1 - 1e-6) <= every.min() <= own * (1 + 1e-12)
@@ -134,7 +135,7 @@ def test_no_visible_switch_shows_more_than_twice_the_tolerance(engine, seed, tol
     shot = some_shot(seed, agents=30, frames=20, lods=4, engine=engine, tolerance=tolerance)
     for avoid in (0, 0.05, 1):
         plan = finished(decide(shot, avoid))
-        pixels = switches(shot, plan.levels)
+        pixels = switches(shot, Grid(shot.survey).of(plan.levels))
         assert plan.bill.most == max(pixels, default=0) <= 2 * tolerance
         assert (plan.bill.switches.sum(), plan.bill.pixels.sum()) == (
             len(pixels),
@@ -151,19 +152,20 @@ def test_no_visible_switch_shows_more_than_twice_the_tolerance(engine, seed, tol
 def test_unseen_agents_have_the_lod_with_which_they_are_seen_next(engine, seed):
     shot = some_shot(seed, agents=10, frames=12, engine=engine)
     for avoid in (0, 0.05):
-        levels = finished(decide(shot, avoid)).levels
+        levels = Grid(shot.survey).of(finished(decide(shot, avoid)).levels)
         for a in range(10):
-            for f in np.flatnonzero(~shot.survey.is_seen[:, a]):
-                later = np.flatnonzero(shot.survey.is_seen[f:, a])
+            for f in np.flatnonzero(~Grid(shot.survey).is_seen[:, a]):
+                later = np.flatnonzero(Grid(shot.survey).is_seen[f:, a])
                 assert not len(later) or levels[f, a] == levels[f + later[0], a]
 
 
 def test_switches_at_cuts_are_free():
     shot = some_shot(1, agents=20, seen=1.0, tolerance=1)
     shot.survey.cuts[1:] = True
-    levels, _ = finished(decided(shot, shot.instance[None].astype(np.float32), 1e6))
-    assert (levels == shot.survey.coarsest).all() and (levels[1:] != levels[:-1]).any()
-    assert Bill(shot, levels).switches.sum() == 0
+    found, _ = finished(decided(shot, shot.instance[None].astype(np.float32), 1e6))
+    levels = Grid(shot.survey).of(found)
+    assert (found == shot.survey.coarsest).all() and (levels[1:] != levels[:-1]).any()
+    assert Bill(shot, found).switches.sum() == 0
 
 
 @pytest.mark.once
@@ -172,8 +174,8 @@ def test_switches_at_cuts_are_free():
 def test_avoid_is_kept(engine, avoid):
     for seed in range(3):
         shot = some_shot(seed, agents=40, frames=10, lods=4, engine=engine, tolerance=2, each=2)
-        shot.survey.scale[:] = np.where(
-            shot.survey.is_seen, 40 + seed, 0
+        Grid(shot.survey).scale[:] = np.where(
+            Grid(shot.survey).is_seen, 40 + seed, 0
         )  # no switch of more than twice the tolerance
         plan = finished(decide(shot, avoid))
         for own, least in (
@@ -191,8 +193,8 @@ def test_what_a_plan_may_cost_more_is_a_part_of_what_thresholds_cost():
     cheapest = Bill(shot, shot.survey.coarsest)
     dear = Bill(shot, np.zeros_like(shot.survey.coarsest))
     more = dear.above(cheapest)
-    assert not Limit(cheapest, shot.survey.coarsest, cheapest, 0.9 * more).holds(dear)
-    assert Limit(dear, shot.survey.coarsest, cheapest, 0.9 * more).holds(dear)
+    assert not Limit(cheapest, cheapest, 0.9 * more).holds(dear)
+    assert Limit(dear, cheapest, 0.9 * more).holds(dear)
 
 
 def test_plan_is_the_same_on_every_python():
@@ -205,7 +207,7 @@ def test_plan_is_the_same_on_every_python():
 
 def test_crowd_of_nobody():
     plan = finished(decide(some_shot(0, agents=0)))
-    assert plan.levels.shape == (5, 0) and plan.bound == 0
+    assert plan.levels.shape == (0,) and plan.bound == 0
 
 
 def mesh_costs(shot, seed):
@@ -219,11 +221,12 @@ def mesh_costs(shot, seed):
 def test_one_lod_a_character_costs_the_least_in_each_frame(seed):
     shot = some_shot(seed, agents=12, frames=6, lods=3, each=2, engine="CYCLES")
     unique = mesh_costs(shot, seed)
-    levels = by_character(shot, unique, 0.0)
+    levels = Grid(shot.survey).of(by_character(shot, unique, 0.0))
+    allowed = Grid(shot.survey).of(shot.allowed)
     for f, c in np.ndindex(len(levels), len(shot.survey.owner)):
-        seen = (shot.survey.kind[f] == SEEN) & (shot.survey.character[f] == c)
+        seen = (Grid(shot.survey).kind[f] == SEEN) & (Grid(shot.survey).character[f] == c)
         if seen.any():
-            coarsest = shot.allowed[f, seen].min()
+            coarsest = allowed[f, seen].min()
             costs = [
                 unique[f, k, c] + seen.sum() * shot.instance[k, c] for k in range(coarsest + 1)
             ]
@@ -234,9 +237,11 @@ def test_one_lod_a_character_costs_the_least_in_each_frame(seed):
 def test_one_lod_a_character_switches_less_where_switches_cost(seed):
     shot = some_shot(seed, agents=12, frames=12, lods=3, each=2, engine="CYCLES")
     unique = mesh_costs(shot, seed)
-    restless, calm = (by_character(shot, unique, weight) for weight in (0.0, 1e6))
+    restless, calm = (
+        Grid(shot.survey).of(by_character(shot, unique, weight)) for weight in (0.0, 1e6)
+    )
     assert len(switches(shot, calm)) < len(switches(shot, restless))
-    assert (calm <= shot.coarsest)[shot.survey.is_seen].all()
+    assert (calm <= Grid(shot.survey).of(shot.coarsest))[Grid(shot.survey).is_seen].all()
 
 
 def test_plans_in_cycles_cost_no_more_than_thresholds_and_less_where_meshes_are_shared():

@@ -25,7 +25,7 @@ from crowd_lod_extension.crowd_lod.shot.unneeded import unneeded
 from crowd_lod_extension.crowd_lod.shot.verdict import Change, Verdict
 
 from ..support.pages import Reader
-from ..support.surveys import TRIANGLES, some_shot
+from ..support.surveys import TRIANGLES, Grid, some_shot
 
 EVIL = '<script>alert("x")</script>&'
 TINTS = (0.8, 0.03, 0.03), (0.04, 0.6, 0.06), (0.05, 0.12, 0.85), (0.78, 0.35, 0.0)
@@ -127,7 +127,7 @@ def test_page_is_one_whole_file(engine):
 def test_names_are_text():
     data = some_report(EVIL, (EVIL, EVIL))
     data = replace(data, milliseconds={EVIL: 1.0})
-    data.shot.survey.kind[:, data.shot.survey.group == 0] = (
+    Grid(data.shot.survey).kind[:, data.shot.survey.group == 0] = (
         CULLED  # so that a group is told as not needed
     )
     read = Reader(shot_page(replace(data, plan=finished(decide(data.shot)))))
@@ -140,9 +140,9 @@ def test_plots_show_the_data():
     found = data.plan.bill
     before = data.plan.thresholds
     survey = data.shot.survey
-    levels = data.plan.levels
+    levels = Grid(survey).of(data.plan.levels)
     for k in range(4):
-        at = survey.is_seen & (levels == k)
+        at = Grid(survey).is_seen & (levels == k)
         own = np.where(at, TRIANGLES[survey.group, k], 0).sum(axis=1)
         for heading, values in (("LODs of seen agents", at.sum(axis=1)), ("Triangles by LOD", own)):
             part = section(text, heading)
@@ -152,7 +152,7 @@ def test_plots_show_the_data():
                 )
     shares = section(text, "Seen and culled")
     assert heights(shares, "culled") == pytest.approx(
-        100 * (survey.kind == CULLED).mean(axis=1), abs=0.4
+        100 * (Grid(survey).kind == CULLED).mean(axis=1), abs=0.4
     )
     switches = section(text, "Switches in sight per frame")
     assert heights(switches, "plan") == pytest.approx(found.switches, abs=0.05)
@@ -167,7 +167,7 @@ def test_figures_and_tables_are_those_of_the_plan():
     whole = (
         found.triangles.sum()
         / TRIANGLES[
-            np.broadcast_to(data.shot.survey.group, (FRAMES, 60))[data.shot.survey.is_seen], 0
+            np.broadcast_to(data.shot.survey.group, (FRAMES, 60))[Grid(data.shot.survey).is_seen], 0
         ].sum()
     )
     cards = dict(
@@ -231,8 +231,8 @@ def test_what_the_user_should_know_is_said():
     data = some_report()
     survey = data.shot.survey
     survey.cuts[3] = True
-    survey.kind[6] = CULLED
-    survey.entered[5] = np.flatnonzero(survey.is_seen[5] & ~survey.is_seen[4])[:2]
+    Grid(survey).kind[6] = CULLED
+    survey.entered[5] = np.flatnonzero(Grid(survey).is_seen[5] & ~Grid(survey).is_seen[4])[:2]
     plan = finished(decide(data.shot))
     text = shot_page(replace(data, plan=plan, noticed=noticed(data.shot, plan.levels, RADIUS)))
     assert (
@@ -250,8 +250,10 @@ def test_what_no_frame_shows_is_not_needed():
     shot = some_shot(2, agents=30, frames=6, lods=4, each=2)
     survey = shot.survey
     survey.coarsest[:] = 1
-    survey.character[:] = 2 * survey.group  # the second of each group's characters is never shown
-    survey.kind[:, 0] = CULLED
+    Grid(survey).character[:] = (
+        2 * survey.group
+    )  # the second of each group's characters is never shown
+    Grid(survey).kind[:, 0] = CULLED
     shown = np.zeros((6, 4, 4))
     shown[:, 1, 0] = 1
     shown[:, 0, 2] = 1
@@ -273,7 +275,7 @@ def test_what_no_frame_shows_is_not_needed():
         r"\d+ of 30 agents: outside of all frames, with no shadow or mirror image in them\.",
         told[7],
     )
-    survey.kind[:] = CULLED
+    Grid(survey).kind[:] = CULLED
     assert [
         each.partition(":")[0] for each in unneeded(shot, np.zeros_like(shown), ["adult", "child"])
     ] == [

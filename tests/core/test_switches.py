@@ -15,7 +15,7 @@ from crowd_lod_extension.crowd_lod.shot.switches import NOTHING, ROW, noticed
 from crowd_lod_extension.crowd_lod.shot.verdict import verdict_of
 
 from ..support.cameras import straight
-from ..support.surveys import pixels_of, some_shot
+from ..support.surveys import Grid, pixels_of, some_shot
 
 RADIUS = np.array([0.75, 1.25])
 
@@ -25,7 +25,7 @@ def with_entries(shot, seed):
     clip, and so did half of those that are gone.
     """
     random = np.random.default_rng(seed)
-    seen = shot.survey.is_seen
+    seen = Grid(shot.survey).is_seen
     for f in range(1, len(seen)):
         new = np.flatnonzero(seen[f] & ~seen[f - 1])
         if not shot.survey.cuts[f]:
@@ -41,14 +41,14 @@ def looped(shot, levels):
     rows = []
     for f in range(1, len(survey.numbers)):
         for a in range(len(survey.group)):
-            size = float(survey.scale[f, a]) * 2 * RADIUS[survey.group[a]]
+            size = float(Grid(survey).scale[f, a]) * 2 * RADIUS[survey.group[a]]
             place = int(survey.numbers[f]), a
             if change := pixels_of(shot, f, a, levels[f - 1, a], levels[f, a]):
                 rows.append((*place, int(levels[f - 1, a]), int(levels[f, a]), size, change))
             elif a in survey.entered[f]:
                 rows.append((*place, NOTHING, int(levels[f, a]), size, size))
             elif a in survey.left[f]:
-                size = float(survey.scale[f - 1, a]) * 2 * RADIUS[survey.group[a]]
+                size = float(Grid(survey).scale[f - 1, a]) * 2 * RADIUS[survey.group[a]]
                 rows.append((*place, int(levels[f - 1, a]), NOTHING, size, size))
     return rows
 
@@ -59,7 +59,7 @@ def test_rows_are_those_of_a_loop(seed):
     plan = finished(decide(shot))
     for levels, own in ((plan.levels, plan.bill), (shot.survey.coarsest, plan.thresholds)):
         found = noticed(shot, levels, RADIUS)
-        assert found.tolist() == looped(shot, levels)
+        assert found.tolist() == looped(shot, Grid(shot.survey).of(levels))
         switches = found[(found["before"] != NOTHING) & (found["after"] != NOTHING)]
         assert np.bincount(switches["frame"] - 1, minlength=12).tolist() == own.switches.tolist()
         assert (

@@ -171,7 +171,7 @@ def test_a_full_disk_is_one_sentence_and_all_is_as_before(trials, tmp_path, disk
         status, said = trials.run(name, place / file)
         assert (status, content(place)) == (1, {}), (part, said)
         assert one_sentence(said), (part, said)
-    assert trials.run(name, disk(8 * pages * 4096 + (1 << 20)) / file)[0] == 0
+    assert trials.run(name, disk(8 * pages * 4096 + (8 << 20)) / file)[0] == 0
 
 
 def test_killed_at_any_moment_the_outputs_are_of_one_run_and_the_next_cleans(trials, tmp_path):

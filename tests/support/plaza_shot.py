@@ -8,7 +8,7 @@ from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, window
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
-from crowd_lod_extension.crowd_lod.shot.survey import Recorder, empty
+from crowd_lod_extension.crowd_lod.shot.recording import Recorder, begin_recording
 from crowd_lod_extension.sample_scenes import plaza_map
 
 GROUPS = tuple(
@@ -35,13 +35,15 @@ def plaza_shot(agents, frames):
     trajectory = Walk(crowd, machine, world, GROUPS, 1 / 24)
     cast = library()
     gaits = trajectory.gaits
-    survey = empty(frames, frames, crowd.group, cast.first(gaits), cast.roles(gaits))
-    with Recorder() as recorder:
+    first = cast.first(gaits)
+    roles = cast.roles(gaits)
+    recording = begin_recording(frames, frames, crowd.group, first, cast, roles)
+    with Recorder(recording) as recorder:
         for f, time in enumerate(frames):
             frame = plan(trajectory, camera(f / len(frames)), POLICY, time)
-            recorder.add(survey, f, frame, cast)
+            recorder.add(frame)
         recorder.finish()
-    return trajectory, survey
+    return trajectory, recording.survey()
 
 
 def camera(way):

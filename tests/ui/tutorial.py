@@ -7,6 +7,7 @@ step.
 
 import json
 import sys
+import time
 from importlib import import_module
 from math import pi
 from pathlib import Path
@@ -43,7 +44,7 @@ def session():
     for name in PICTURES[1:]:
         steps = sys.modules[f"{robot.MODULE}.operators.ui.steps"]
         results["pressed"].append(steps.label_of(steps.next_operator(scene())))
-        print(f"--- {name}", flush=True)
+        print(f"--- {name} {time.process_time():.0f} s", flush=True)
         yield from click(*blue_button(seen), turn if name == "4_lods" else nothing)
         if name == PICTURES[1]:
             yield from confirm()
@@ -53,7 +54,7 @@ def session():
         (FOLDER / "output" / "verify" / "verify.json").read_text(encoding="utf-8")
     )["ok"]
     if SECOND_DAY:
-        results["second day"] = yield from second_day.perform()
+        results["second day"] = yield from second_day.perform(FOLDER)
 
 
 def own_scene():

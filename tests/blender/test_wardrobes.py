@@ -1,0 +1,183 @@
+"""Slots of parts that agents of a group wear: who wears what, and that every step shows it."""
+
+import bpy
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.operators.blender import scene_data
+from crowd_lod_extension.operators.characters.characters import all_characters
+from crowd_lod_extension.operators.characters.group_measuring import measure_groups
+from crowd_lod_extension.operators.characters.stored_groups import store_groups
+from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from crowd_lod_extension.operators.render_setup import bake
+from crowd_lod_extension.operators.scene.scene_crowd import frame_of, trajectory_of
+from crowd_lod_extension.operators.shot.shot_plan import PlanRequest, plan_shot, write_levels
+
+from ..support.scatter import scatter
+from .test_points_source import crowd_of
+from .test_props import ball
+from .test_rigs import instances, itself
+
+PARTS = ["adult", "adult + cap", "adult + crown", "adult + bob", "child"]
+
+
+def slot(name, *items, **properties):
+    """A slot of the adult that holds the objects `items`."""
+    home = bpy.data.collections.new(f"slot: {name}")
+    adult = bpy.data.collections["adult"]
+    adult.children.link(home)
+    for item in items:
+        adult.objects.unlink(item)
+        home.objects.link(item)
+    for key, value in properties.items():
+        home[key] = value
+    return home
+
+
+def populated(scene):
+    store_groups(scene.crowd_lod, measure_groups(scene))
+    return trajectory_of(scene)
+
+
+@pytest.fixture
+def dressed(scene):
+    """Adults of whom some wear a cap or a crown, and some hair, but not under the crown."""
+    cap = ball("cap", 0.2, (0, 0, 1.8), "head")
+    crown = ball("crown", 0.4, (0, 0, 1.9), "head")
+    bob = ball("bob", 0.25, (0, 0, 1.6), "head")
+    crown["excludes"] = "hair"
+    cap["share"] = 2.0
+    slot("a hat", cap, crown, none=1.0)
+    slot("hair", bob, none=1.0)
+    return scene
+
+
+def test_parts_are_agents_who_do_what_their_wearers_do(dressed):
+    dressed.crowd_lod.count = 4000
+    trajectory = populated(dressed)
+    names = [group.name for group in trajectory.groups]
+    assert sorted(names) == sorted(PARTS)
+    adult, cap, crown, bob = (names.index(name) for name in PARTS[:4])
+    people = trajectory.bare
+    assert len(people.start) == 4000 and set(people.start.group) == {adult, names.index("child")}
+    crowd = trajectory.at(37)
+    worn = {}
+    for g in (cap, crown, bob):
+        rows = np.flatnonzero(crowd.group == g)
+        agents = trajectory.wearer[rows]
+        for column in ("x", "y", "z", "heading", "phase_class", "pace", "key"):
+            values = getattr(crowd, column)
+            assert (values[rows] == values[agents]).all()
+        assert (crowd.group[agents] == adult).all()
+        rate = trajectory.gaits.rates
+        assert (rate[g] == rate[adult]).all()
+        worn[g] = set(crowd.x[rows].tolist())
+    adults = np.count_nonzero(people.start.group == adult)
+    for g, share in ((cap, 0.5), (crown, 0.25), (bob, 0.375)):
+        assert abs(len(worn[g]) - share * adults) < 5 * np.sqrt(adults * share * (1 - share))
+    assert not worn[cap] & worn[crown] and not worn[crown] & worn[bob] and worn[cap] & worn[bob]
+    spheres = trajectory.spheres
+    assert len({spheres.radius[g] for g in (adult, cap, crown, bob)}) == 1
+    bpy.data.objects["bob"]["share"] = 0.5
+    again = populated(dressed).at(37)
+    assert np.array_equal(again.x[again.group == cap], crowd.x[crowd.group == cap])
+
+
+def test_what_is_worn_follows_overrides_points_and_further_crowds(dressed):
+    scene = dressed
+    settings = scene.crowd_lod
+    settings.count = 200
+    trajectory = populated(scene)
+    names = [group.name for group in trajectory.groups]
+    first, second, third = np.unique(trajectory.wearer[200:])[:3].tolist()
+    values = ("HIDE", {}), ("GROUP", {"group_name": "child"}), ("NUDGE", {"move": (3, 0, 0)})
+    for agent, (kind, more) in zip((first, second, third), values, strict=True):
+        entry = settings.exceptions.add()
+        entry.kind = kind
+        entry.agents = str(agent)
+        for name, value in more.items():
+            setattr(entry, name, value)
+    edited = trajectory_of(scene)
+    crowd = edited.at(1)
+    before = trajectory.at(1)
+    rows = [edited.with_worn(np.array([agent])) for agent in (first, second, third)]
+    assert len(rows[0]) > 1 and not crowd.present[rows[0]].any()
+    assert len(rows[1]) == 1 and crowd.group[rows[1]] == [names.index("child")]
+    assert len(rows[2]) > 1 and np.allclose(crowd.x[rows[2]] - before.x[third], 3)
+    settings.exceptions.clear()
+    bpy.ops.crowd_lod.add_crowd()
+    settings.crowds[0].count = 50
+    several = populated(scene)
+    assert len(several.bare.start) == 250 and len(several.parts) == 2
+    settings.crowds[0].use_crowd = False
+    hidden = trajectory_of(scene).at(1).present
+    assert (hidden == (several.wearer < 200)).all()
+    settings.crowds.remove(0)
+    item = scatter(scene, attributes=[("id", "INT", np.arange(60) * 7)])
+    points = crowd_of(scene, item)
+    people = len(points.bare.start)
+    assert people == 60 and (points.ids[people:] == -1).all()
+    for name in ("x", "y", "heading"):
+        column = getattr(points.start, name)
+        assert (column == column[points.wearer]).all()
+
+
+WRONG = {
+    "The slot hair of adult is empty": ("bob", "hide_render", True),
+    "of the slot hair of adult are all 0": ("bob", "share", 0.0),
+    r"The part adult \+ crown excludes the slot beard": ("crown", "excludes", "beard"),
+    "Nobody can wear the slot a hat of adult": ("slot: hair", "excludes", "a hat"),
+    r"The part adult \+ bob is not moved by adult rig": ("bob", "parent", None),
+    "two slots called a hat": ("slot: hair", "slot", "a hat"),
+    '"share" of bob is -1.0, and must be numbers from 0': ("bob", "share", -1.0),
+}
+
+
+@pytest.mark.parametrize("said", WRONG)
+def test_slots_that_cannot_be_used_are_named(dressed, said):
+    name, key, value = WRONG[said]
+    bpy.data.collections["slot: hair"]["none"] = 0.0
+    item = bpy.data.objects.get(name) or bpy.data.collections[name]
+    if hasattr(item, key):
+        setattr(item, key, value)
+    else:
+        item[key] = value
+    with pytest.raises(CrowdError, match=said):
+        all_characters(dressed)
+
+
+def test_plan_build_and_bake_show_each_part_where_its_wearer_is(dressed, tmp_path):
+    scene = dressed
+    scene.crowd_lod.level_count = 1
+    scene.crowd_lod.count = 60
+    populated(scene)
+    list(make_levels(scene))
+    plan = finished(plan_shot(scene, PlanRequest([50], tmp_path)))
+    write_levels(tmp_path, plan)
+    scene.crowd_lod.shot_plan = str(tmp_path / "plan.npz")
+    finished(bake.bake(scene, [50]))
+    rigs = [item for item in scene.crowd_lod.build.all_objects if item.type == "ARMATURE"]
+    # of adults, of what their bones carry, of children
+    assert len({item.data for item in rigs}) == 3
+    scene.frame_set(50)
+    frame = frame_of(scene, bpy.context.evaluated_depsgraph_get())
+    crowd = frame.crowd
+    trajectory = frame.trajectory
+    assert frame.planned and frame.people == 60
+    assert len(set(plan.stored.phases.shift.tolist())) > 1
+    assert (crowd.phase_class == crowd.phase_class[trajectory.wearer]).all()
+    agents = frame.buckets.order
+    visible = [points for level, points in instances(scene) if level == 0]
+    assert len(visible) == len(agents) > len(frame.without_worn(frame.buckets).order)
+    for g in range(5):
+        agent = agents[crowd.group[agents] == g][0]
+        rate = trajectory.gaits.rates[g, crowd.pace[agent]]
+        phase = (crowd.phase_class[agent] / trajectory.gaits.classes + rate * 50 / 24) % 1.0
+        angle = crowd.heading[agent] + scene_data.rotation(scene.crowd_lod.forward)
+        c = np.cos(angle)
+        s = np.sin(angle)
+        points = itself(scene, g, phase) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+        points += [crowd.x[agent], crowd.y[agent], crowd.z[agent]]
+        same = [other for other in visible if other.shape == points.shape]
+        assert min(abs(other - points).max() for other in same) < 2e-4
