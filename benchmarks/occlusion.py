@@ -306,10 +306,10 @@ def make(way: str, engine: str, file: str, agents: int) -> dict:
     finished(make_levels(scene))
     finished(bake.bake(scene, [SHOWN]))
     shown = sum(len(item.data.vertices) for item in render_setup.points_of(settings.build).values())
-    if way == "nobody":
-        render_setup.remove_build(settings)
     hide_characters(scene)
     bake.keep_what_renders(scene)
+    if way == "nobody":
+        render_setup.remove_build(settings)
     bpy.ops.wm.save_as_mainfile(filepath=file)
     return {"agents_in_file": shown, "file_mb": round(Path(file).stat().st_size / 1e6, 2)}
 
