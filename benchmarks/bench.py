@@ -10,6 +10,7 @@ Prints the chapter's tables, and writes CSV, JSON and figure 1.6.
 ./crowd-lod bench --memory [FILE ...]               memory and files as predicted: memory.py
 ./crowd-lod bench --choices                         which LODs pay, rendered: choices.py
 ./crowd-lod bench --occlusion                       who is hidden by scenery: occlusion.py
+./crowd-lod bench --wardrobes                       parts that agents wear: wardrobes.py
 
 Test 1: milliseconds of each stage for 1 K to 1 M agents that walk, under a camera that moves,
 beside other ways to do the same (peers.py, loop.c, the GPU), each taken in turn in the same run.
@@ -144,6 +145,11 @@ def make_parser() -> argparse.ArgumentParser:
         help="instead, who is hidden by scenery, judged by pictures and rays: half an hour",
     )
     parser.add_argument(
+        "--wardrobes",
+        action="store_true",
+        help="instead, what slots of parts cost: three minutes",
+    )
+    parser.add_argument(
         "--held-out",
         choices=("cycles", "eevee"),
         help="instead, judge what this engine's costs say of time with LODs, by crowds that none "
@@ -197,6 +203,10 @@ def main(arguments: list[str] | None = None) -> None:
         import occlusion
 
         return occlusion.main(files.absolute(args.out), args.quick)
+    if args.wardrobes:
+        import wardrobes
+
+        return wardrobes.main()
     if args.held_out:
         import costs
 

@@ -22,6 +22,7 @@ import numpy as np
 from crowd_lod_extension.crowd_lod.animation.phase_classes import Gaits, Library
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import Group, populate
+from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, window
 from crowd_lod_extension.crowd_lod.frame.frame import plan
@@ -166,7 +167,7 @@ def surveyed(
             recorder.add(frame, before, RAYS)
             before = frame
         recorder.finish()
-    return recording.survey(), films
+    return recording.make_survey(), films
 
 
 def held_levels(
@@ -256,38 +257,64 @@ def compared(
     return rows
 
 
-def growth(sizes: Sequence[tuple[int, int]]) -> list[dict]:
-    """Seconds and memory of a plan without budget, by agents and frames."""
+def street_of(agents: int) -> Walk:
+    """So many people in a street of 40 by 1,200 meters."""
+    machine = load_preset("chapter")
+    world = edge_map(Area(-20, 0, 20, 1200), machine.labels)
+    return Walk(populate(agents, 7, len(GROUPS), machine, world), machine, world, GROUPS, 1 / 24)
+
+
+def walking(t: float) -> Camera:
+    """Down the street at eye height, for 40 meters."""
+    return aimed((0, 300 + 40 * t, 1.7), (3 * np.sin(6 * t), 360 + 40 * t, 1.5), 35)
+
+
+def growth(sizes: Sequence[tuple[str, int, int]], engines: Sequence[str]) -> list[dict]:
+    """Processor seconds and memory of a plan without budget, by place, agents and frames.
+
+    Memory is the most that the process has held so far: put small sizes first.
+    """
     rows = []
-    for agents, frames in sizes:
-        trajectory = crowd_of(agents)
-        started = time.perf_counter()
-        survey, _ = surveyed(trajectory, descent, frames)
-        run_through = time.perf_counter()
-        shot_plan = finished(
-            decide(Shot(survey, meshes_of(GROUPS, POLICY.count), default_costs("EEVEE")), 0.05)
-        )
-        ended = time.perf_counter()
-        rows.append(
-            {
-                "agents": agents,
-                "frames": frames,
-                "survey_s": round(run_through - started, 2),
-                "decide_s": round(ended - run_through, 2),
-                "ns_per_agent_frame": round(1e9 * (ended - started) / agents / frames, 1),
-                "seen": round(float(survey.count(SEEN).mean() / agents), 3),
-                "peak_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
-                "switches": int(shot_plan.bill.switches.sum()),
-                "of_thresholds": round(
-                    float(
-                        shot_plan.bill.switches.sum() / max(shot_plan.thresholds.switches.sum(), 1)
-                    ),
-                    3,
-                ),
-            }
-        )
-        print(rows[-1], flush=True)
+    for place, agents, frames in sizes:
+        crowd, camera = PLACES[place]
+        trajectory = crowd(agents)
+        started = time.process_time()
+        survey, _ = surveyed(trajectory, camera, frames)
+        run_through = time.process_time() - started
+        for engine in engines:
+            started = time.process_time()
+            shot = Shot(survey, meshes_of(GROUPS, POLICY.count), default_costs(engine))
+            plan_bill = finished(decide(shot, 0.05)).bill
+            deciding = time.process_time() - started
+            rows.append(
+                {
+                    "place": place,
+                    "agents": agents,
+                    "frames": frames,
+                    "engine": engine,
+                    "survey_s": round(run_through, 2),
+                    "decide_s": round(deciding, 2),
+                    "ns_per_agent_frame": round(1e9 * (run_through + deciding) / agents / frames),
+                    "seen": round(float(survey.count(SEEN).mean() / agents), 3),
+                    "cells": round(survey.cells.count / agents / frames, 3),
+                    "peak_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
+                    "switches": int(plan_bill.switches.sum()),
+                }
+            )
+            print(*rows[-1].values(), sep="\t", flush=True)
     return rows
+
+
+def growing(quick: bool) -> list[dict]:
+    """The rows of growth.csv."""
+    sizes = [("plaza", 1000, 100), ("plaza", 10_000, 120), ("plaza", 100_000, 240)]
+    rows = growth(sizes, ("EEVEE", "CYCLES"))
+    if not quick:
+        rows += growth([("plaza", 1_000_000, 240), ("street", 5_000_000, 240)], ("EEVEE",))
+    return rows
+
+
+PLACES = {"plaza": (crowd_of, descent), "street": (street_of, walking)}
 
 
 def baked(folder: Path) -> list[dict]:
@@ -335,8 +362,7 @@ def _tables(out: Path, quick: bool) -> None:
             for table_row in found:
                 print(*table_row.values(), sep="\t", flush=True)
     (out / "shots.csv").write_text(tables.to_csv(rows), encoding="utf-8")
-    sizes = [(10_000, 120), (100_000, 250)] + ([] if quick else [(1_000_000, 240)])
-    (out / "growth.csv").write_text(tables.to_csv(growth(sizes)), encoding="utf-8")
+    (out / "growth.csv").write_text(tables.to_csv(growing(quick)), encoding="utf-8")
     with tempfile.TemporaryDirectory() as scratch:
         rows = baked(Path(scratch))
     for table_row in rows:

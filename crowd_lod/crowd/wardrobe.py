@@ -54,8 +54,8 @@ def draw_parts(
     group: (n,) uint8, of each agent.
     key: (n,) uint64, the agents' first keys. An agent's parts depend on its key alone.
 
-    Slots are asked in the order of their names: a part that is worn takes off the slots that it
-    excludes, and what is taken off excludes nothing.
+    Slots are asked in the order of their names: a part that is still worn takes off the slots that
+    it excludes.
     """
     slots = slots_of(groups)
     worn = [_drawn(slot, group, key) for slot in slots]

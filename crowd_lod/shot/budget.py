@@ -21,7 +21,6 @@ from .shot import (
     decide,
     decided,
     floor,
-    mesh_seconds,
     objective,
     shared_table,
 )
@@ -227,9 +226,10 @@ class _Search:
             self.descend(table + banned, np.zeros((len(table), len(limits.most)))), 0.0, 0.6
         )
         self.bound = fixed + max(least, dual)
-        again = shared_table(shot, plan.thresholds, self.solution[1])
-        if again is not None:
-            self.keep(by_character(shot, mesh_seconds(shot, plan.thresholds), self.weight))
+        thresholds = plan.thresholds
+        if thresholds.meshes_matter:
+            again = shared_table(shot, thresholds, self.solution[1])
+            self.keep(by_character(shot, thresholds.mesh_seconds, self.weight))
             yield from share(self.descend(again + banned, prices), 0.6, 1.0)
         return self.solution
 

@@ -39,8 +39,8 @@ class Block:
 class Cells:
     """The N cells of n agents: blocks of agents that come and go together.
 
-    first, last: (n,), whole numbers: the first frame of each agent, and the one after its last; the same for
-        agents without cells.
+    first, last: (n,) of whole numbers, the first frame of each agent, and the one after its last;
+        the same for agents without cells.
     together: agents of a block at most.
     """
 
@@ -109,16 +109,16 @@ class Cells:
         """Return the cells of these agents (m,) alone, numbered from 0 on."""
         return Cells(self.first[agents], self.last[agents], self.together)
 
-    def taken(self, values: np.ndarray, agents: np.ndarray) -> np.ndarray:
+    def extract(self, values: np.ndarray, agents: np.ndarray) -> np.ndarray:
         """Return `values` (N,) in the cells of `of(agents)`, and 0 where these have none here."""
         cells = self.of(agents)
-        taken = np.zeros(cells.count, values.dtype)
+        part = np.zeros(cells.count, values.dtype)
         for block in cells.blocks:
-            own = agents[block.agents]
+            numbers = agents[block.agents]
             frame = np.arange(block.begin, block.end)[:, None]
-            is_here = self.holds(frame, own)
-            block.table(taken)[is_here] = values[self.at(frame, own)[is_here]]
-        return taken
+            is_here = self.holds(frame, numbers)
+            block.table(part)[is_here] = values[self.at(frame, numbers)[is_here]]
+        return part
 
     def tables(self, *values: np.ndarray) -> Iterator[tuple]:
         """Yield (a block, its table of each of `values` (N,)), block after block.

@@ -61,8 +61,7 @@ def curve_of(shot: Shot, plan: ShotPlan, tolerance: float | None) -> Generator[f
     bounds = sample.meshes.bounds
     thresholds = Bill(sample, survey.coarsest)
 
-    def point(kind: str, levels: np.ndarray, pixels: float | None = None) -> Point:
-        point_bill = Bill(sample, levels)
+    def point(kind: str, point_bill: Bill, pixels: float | None = None) -> Point:
         parts = of_full_detail(sample, point_bill)
         return Point(
             kind,
@@ -74,19 +73,22 @@ def curve_of(shot: Shot, plan: ShotPlan, tolerance: float | None) -> Generator[f
         )
 
     points = [
-        point("plan", shot.survey.cells.taken(plan.levels, agents)),
-        point("thresholds", survey.coarsest),
+        point("plan", Bill(sample, shot.survey.cells.extract(plan.levels, agents))),
+        point("thresholds", thresholds),
     ]
     if tolerance is not None:
-        points.append(point("hysteresis", hysteresis(survey, bounds, tolerance), tolerance))
+        held = Bill(sample, hysteresis(survey, bounds, tolerance))
+        points.append(point("hysteresis", held, tolerance))
     for pixels in (factor * (tolerance or 1.0) for factor in TOLERANCES):
-        points.append(point("tolerance", at_tolerance(survey, bounds, pixels).coarsest, pixels))
+        within = Bill(sample, at_tolerance(survey, bounds, pixels).coarsest)
+        points.append(point("tolerance", within, pixels))
     begun = 0.3
     yield begun
     for step, factor in enumerate(WEIGHTS, 1):
         end = begun + (1 - begun) * step / len(WEIGHTS)
-        levels, _ = yield from share(solved(sample, thresholds, factor * plan.weight), begun, end)
-        made = point("avoid", levels)
+        searching = solved(sample, thresholds, factor * plan.weight)
+        other, _ = yield from share(searching, begun, end)
+        made = point("avoid", other)
         if made not in points and replace(made, kind="plan") not in points:
             points.append(made)
         begun = end

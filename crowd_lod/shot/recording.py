@@ -89,7 +89,7 @@ class Recording:
             )
         self.records.append(_record(self, frame, before, rays, cut))
 
-    def survey(self) -> Survey:
+    def make_survey(self) -> Survey:
         """Return the survey. The records are used up: memory holds no frame twice."""
         records = self.records
         cells = _cells_of(records, len(self.group))
@@ -242,14 +242,14 @@ def _record(
     seconds = frame.trajectory.seconds(frame.time)
     character = recording.library.character_of(gaits, frame.crowd, seconds, agents)
     is_seen = present_kinds == SEEN
-    seen = agents[is_seen]
+    seen_agents = agents[is_seen]
     scale = np.zeros(len(agents), np.float16)
-    scale[is_seen] = scale_of(frame, seen)
+    scale[is_seen] = scale_of(frame, seen_agents)
     if recording.blurred:
         assert recording.bounds is not None
-        blur = blur_of(frame, seen)
+        blur = blur_of(frame, seen_agents)
         scale[is_seen] = _rounded_up(scale[is_seen] / (1 + blur / recording.blurred))
-        bounds = recording.bounds[recording.group[seen]]
+        bounds = recording.bounds[recording.group[seen_agents]]
         coarsest[is_seen] = coarsest_within(scale[is_seen], bounds, recording.blurred)
     encounters = Encounters()
     if recording.roles is not None and len(recording.records) % MEET_EVERY == 0:

@@ -22,7 +22,6 @@ SHARING = 20_000
 STEPS = 6  # of the search for it, each by a factor of FACTOR
 FACTOR = 4.0
 NEARLY = 1e-3  # part of its share that a mesh costs which the frame shows anyway
-MATTERS = 0.05  # part of the instances' cost from which on that of meshes is shared with care
 
 
 def choices_of(table: np.ndarray) -> np.ndarray:
@@ -194,20 +193,18 @@ def decide(shot: Shot, avoid: float = 0.05) -> Generator[float, None, ShotPlan]:
         avoid switches in sight. 0 still avoids those that cost nothing.
     """
     limit = _limit(shot, avoid)
-    weight = yield from share(_weight(shot, avoid, _matter(shot, limit.thresholds)), 0.0, 0.4)
+    weight = yield from share(_weight(shot, avoid, limit.thresholds.meshes_matter), 0.0, 0.4)
     for step in range(STEPS):
-        levels, shared = yield from share(solved(shot, limit.thresholds, weight), 0.4, 0.8)
-        plan_bill = Bill(shot, levels)
+        plan_bill, shared = yield from share(solved(shot, limit.thresholds, weight), 0.4, 0.8)
         if limit.holds(plan_bill) or step == STEPS - 1:
             break
         weight /= 1.5  # the sample promised more than the whole keeps
     if not limit.holds(plan_bill):
-        levels = limit.levels
-        plan_bill = Bill(shot, levels)
+        plan_bill = Bill(shot, limit.levels)
     least = yield from share(lower_bound(shot, weight, shared), 0.8, 1.0)
     paid = objective(plan_bill, weight)
     bound = max(paid / least - 1, 0.0) if least > 0 else 0.0
-    return ShotPlan(levels, plan_bill, limit.thresholds, weight, bound)
+    return ShotPlan(plan_bill.levels, plan_bill, limit.thresholds, weight, bound)
 
 
 @dataclass(frozen=True)
@@ -238,8 +235,8 @@ class Limit:
 def _limit(shot: Shot, avoid: float) -> Limit:
     """Return what a plan may cost that may pay the part `avoid` to avoid switches in sight."""
     thresholds = Bill(shot, shot.survey.coarsest)
-    if _matter(shot, thresholds):
-        levels = by_character(shot, mesh_seconds(shot, thresholds), 0.0)
+    if thresholds.meshes_matter:
+        levels = by_character(shot, thresholds.mesh_seconds, 0.0)
         found = Bill(shot, levels)
         if found.above(thresholds) <= 0:
             return Limit(thresholds, found, avoid)
@@ -265,10 +262,10 @@ def _weight(shot: Shot, avoid: float, shared: bool) -> Generator[float, None, fl
     high = unit * FACTOR**STEPS
     for step in range(2 * STEPS):
         middle = float(np.sqrt(low * high))
-        levels, _ = yield from share(
+        plan_bill, _ = yield from share(
             solved(sample, thresholds, middle), step / (2 * STEPS), (step + 1) / (2 * STEPS)
         )
-        if limit.holds(Bill(sample, levels)):
+        if limit.holds(plan_bill):
             low = middle
         else:
             high = middle
@@ -286,8 +283,9 @@ def sampled(shot: Shot, most: int) -> tuple[Shot, np.ndarray]:
 
 def solved(
     shot: Shot, thresholds: Bill, weight: float
-) -> Generator[float, None, tuple[np.ndarray, float | None]]:
-    """Return (the levels of least cost that are found for one weight of switches, a lower bound).
+) -> Generator[float, None, tuple[Bill, float | None]]:
+    """Return (the bill of the levels of least cost that are found for one weight of switches, a
+    lower bound).
 
     The bound is that of agents that share meshes evenly, or None where it was not found on the way.
 
@@ -295,48 +293,25 @@ def solved(
     that may show it did. In the second the meshes of the first cost next to nothing, and all others
     their whole price.
     """
-    unique = mesh_seconds(shot, thresholds)
-    shares = unique / np.maximum(thresholds.agents_shown.sum(axis=1), 1)[:, None, :]
-    levels, shared = yield from share(decided(shot, _table(shot, shares), weight), 0.0, 0.5)
-    if not _matter(shot, thresholds):
-        return levels, shared if "traced" not in shot.costs.seconds else None
-    table = shared_table(shot, thresholds, Bill(shot, levels))
-    assert table is not None
+    table = _table(shot, thresholds.mesh_shares)
+    levels, shared = yield from share(decided(shot, table, weight), 0.0, 0.5)
+    first = Bill(shot, levels)
+    if not thresholds.meshes_matter:
+        return first, shared if "traced" not in shot.costs.seconds else None
+    table = shared_table(shot, thresholds, first)
     again, _ = yield from share(decided(shot, table, weight), 0.5, 1.0)
-    choices = levels, again, by_character(shot, unique, weight)
-    return min(choices, key=lambda choice: objective(Bill(shot, choice), weight)), None
+    whole = by_character(shot, thresholds.mesh_seconds, weight)
+    bills = first, Bill(shot, again), Bill(shot, whole)
+    return min(bills, key=lambda plan_bill: objective(plan_bill, weight)), None
 
 
-def shared_table(shot: Shot, thresholds: Bill, plan_bill: Bill) -> np.ndarray | None:
+def shared_table(shot: Shot, thresholds: Bill, plan_bill: Bill) -> np.ndarray:
     """Return (F, K, L) float32 seconds of an agent if meshes that `plan_bill` shows cost next to
     nothing.
-
-    None where meshes cost so little that it does not matter.
     """
-    if not _matter(shot, thresholds):
-        return None
-    unique = mesh_seconds(shot, thresholds)
-    shares = unique / np.maximum(thresholds.agents_shown.sum(axis=1), 1)[:, None, :]
-    return _table(shot, np.where(plan_bill.agents_shown > 0, NEARLY * shares, unique))
-
-
-def _matter(shot: Shot, thresholds: Bill) -> bool:
-    """Return whether meshes cost so much, beside instances, that agents should share them."""
-    meshes = (mesh_seconds(shot, thresholds) * (thresholds.agents_shown > 0)).sum()
-    return bool(meshes >= MATTERS * (shot.instance * thresholds.agents_shown).sum())
-
-
-def mesh_seconds(shot: Shot, thresholds: Bill) -> np.ndarray:
-    """Return the seconds that each mesh takes in a frame that shows it, (F, K, L).
-
-    Also those of rays, which cost more among more triangles.
-    """
-    seconds = shot.costs.seconds
-    work = work_in(shot, thresholds.agents_shown)
-    rays = (
-        seconds.get("traced", 0.0) * shot.survey.rays / (np.log(2) * np.maximum(work.unique, 1.0))
-    )
-    return (seconds["unique"] + rays)[:, None, None] * shot.meshes.triangles.T[:, shot.survey.owner]
+    is_shown = plan_bill.agents_shown > 0
+    shares = NEARLY * thresholds.mesh_shares
+    return _table(shot, np.where(is_shown, shares, thresholds.mesh_seconds))
 
 
 def _table(shot: Shot, unique: np.ndarray) -> np.ndarray:

@@ -22,6 +22,7 @@ from .survey import SEEN, Survey
 
 # pixels as which any switch in sight counts, besides those by which it changes the picture
 NOTICED = 0.25
+MATTERS = 0.05  # part of the instances' cost from which on that of meshes is shared with care
 UNSEEN = 255  # the LOD of an agent that is not seen
 
 
@@ -180,15 +181,42 @@ class Bill:
         where they are not given.
     """
 
-    def __init__(self, shot: Shot, levels: np.ndarray, shown: np.ndarray | None = None) -> None:
+    def __init__(
+        self, shot: Shot, levels: np.ndarray, agents_shown: np.ndarray | None = None
+    ) -> None:
         self.shot = shot
         self.levels = levels
-        self.agents_shown = shown_by(shot, levels) if shown is None else shown
+        self.agents_shown = shown_by(shot, levels) if agents_shown is None else agents_shown
 
     @cached_property
     def price(self) -> Price:
         """Of a bake of this shot, in the engine."""
         return price(work_in(self.shot, self.agents_shown), self.shot.costs)
+
+    @cached_property
+    def mesh_seconds(self) -> np.ndarray:
+        """(F, K, L), that each mesh takes in a frame that shows it.
+
+        Also those of rays, which cost more among more triangles.
+        """
+        shot = self.shot
+        seconds = shot.costs.seconds
+        work = work_in(shot, self.agents_shown)
+        traced = seconds.get("traced", 0.0) * shot.survey.rays
+        rays = traced / (np.log(2) * np.maximum(work.unique, 1.0))
+        triangles = shot.meshes.triangles.T[:, shot.survey.owner]
+        return (seconds["unique"] + rays)[:, None, None] * triangles
+
+    @cached_property
+    def mesh_shares(self) -> np.ndarray:
+        """(F, K, L), `mesh_seconds` of each agent if all of a character showed the mesh."""
+        return self.mesh_seconds / np.maximum(self.agents_shown.sum(axis=1), 1)[:, None, :]
+
+    @cached_property
+    def meshes_matter(self) -> bool:
+        """Whether meshes cost so much, beside instances, that agents should share them."""
+        meshes = (self.mesh_seconds * (self.agents_shown > 0)).sum()
+        return bool(meshes >= MATTERS * (self.shot.instance * self.agents_shown).sum())
 
     @property
     def instanced(self) -> float:

@@ -114,16 +114,16 @@ class Survey:
 
     def of(self, agents: np.ndarray) -> "Survey":
         """Return the survey of these agents (m,) alone; nobody counts as entered or gone."""
-        taken = self.cells.taken
+        extract = self.cells.extract
         return replace(
             self,
             cells=self.cells.of(agents),
-            kind=taken(self.kind, agents),
-            coarsest=taken(self.coarsest, agents),
-            scale=taken(self.scale, agents),
-            character=taken(self.character, agents),
-            finest=None if self.finest is None else taken(self.finest, agents),
-            limit=None if self.limit is None else taken(self.limit, agents),
+            kind=extract(self.kind, agents),
+            coarsest=extract(self.coarsest, agents),
+            scale=extract(self.scale, agents),
+            character=extract(self.character, agents),
+            finest=None if self.finest is None else extract(self.finest, agents),
+            limit=None if self.limit is None else extract(self.limit, agents),
             group=self.group[agents],
             rays=self.rays * len(agents) / len(self.group),
             entered=[np.empty(0, np.intp)] * len(self.times),

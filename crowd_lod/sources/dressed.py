@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -80,7 +81,7 @@ class Dressed(Trajectory):
     def note(self) -> str:
         return self.base.note
 
-    @property
+    @cached_property
     def looks(self) -> np.ndarray:
         """Return a random number for each agent and for each part, (n,) float32 in [0, 1)."""
         numbers = self.base.looks[self.wearer]

@@ -19,9 +19,10 @@ from .labeled_properties import CONTEXT
 # it is slow. Steps change data, after which Blender draws all of the window: 0.1 to 0.2 s on
 # software OpenGL, a few ms on a card.
 TICKS = (0.04, 0.1, 0.2, 0.4), (0.04, 0.1, 0.1, 0.2)
-# The time left is known where estimates of the whole differ by KNOWN at most. Else the least of
-# them may be WRONG times too long.
-KNOWN = 1.25
+# The time left is known from this progress on, where estimates of the whole differ by KNOWN at most.
+# Else the least of them may be WRONG times too long.
+EARLY = 0.25
+KNOWN = 1.4
 WRONG = 1.5
 SHOWN_EVERY = 0.25  # seconds between two texts on the progress: each draws the sidebar
 # by the bl_idname of an operator at work: its progress, 0 to 1
@@ -38,8 +39,8 @@ _running: list["Stepwise"] = []
 class TimeLeft:
     """The time that a step has left, as its progress tells.
 
-    It is said where the latter half of the step has told about the same whole. Else only a least
-    time is: some searches take more tries than others, and call for further searches.
+    It is said once a part is done, and where the latter half of the time has told about the same
+    whole. Else only a least time is: some searches take more tries than others, and call for further searches.
     """
 
     def __init__(self):
@@ -56,7 +57,7 @@ class TimeLeft:
         while self._wholes[0][0] < seconds / 2:
             self._wholes.popleft()
         wholes = [whole for _, whole in self._wholes]
-        if max(wholes) <= KNOWN * min(wholes):
+        if progress >= EARLY and max(wholes) <= KNOWN * min(wholes):
             return f", about {_duration(wholes[-1] - seconds)} left"
         least = min(wholes) / WRONG - seconds
         return f", at least {_duration(least)} left" if least >= 1 else ""

@@ -8,7 +8,7 @@ import hashlib
 import json
 import zlib
 from collections.abc import Callable, Container, Generator, Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 
@@ -347,6 +347,23 @@ def look_afresh() -> None:
     global changes
     changes += 1
     _known.clear()
+
+
+@contextmanager
+def unedited() -> Iterator[None]:
+    """Keep all digests, because nothing that is read is edited inside.
+
+    Blender names what is hidden, or linked to another collection, as it does what is edited.
+    """
+    global changes
+    known = dict(_known)
+    changes_before = changes
+    try:
+        yield
+    finally:
+        _known.clear()
+        _known.update(known)
+        changes = changes_before
 
 
 @handler

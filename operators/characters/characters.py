@@ -204,8 +204,8 @@ def check_measured(cast: Sequence[tuple], groups: Sequence[Group]) -> None:
     """Raise CrowdError if `cast`, the scene's characters, are others than the measured groups."""
     if [each[0] for each in cast] != [group.name for group in groups]:
         raise CrowdError(
-            "The character groups or their props have changed: press Populate, then Make LOD "
-            "Meshes."
+            "The character groups, their props or slots have changed: press Populate, then Make "
+            "LOD Meshes."
         )
 
 
@@ -227,4 +227,4 @@ def props_outdated(scene: bpy.types.Scene) -> Iterator[str]:
             or now.keys() != before.keys()
             or any(abs(now[name] - before[name]) > FINE for name in now)
         ):
-            yield "The characters' props have changed: press Populate."
+            yield "The characters' props or slots have changed: press Populate."

@@ -21,7 +21,7 @@ from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import frame_stepping, mesh_data, scene_data
 from ..blender.cleanup import removed_on_failure
 from ..blender.ownership import remove_owned
-from ..characters.cast_provenance import reading
+from ..characters.cast_provenance import reading, reading_afresh
 from ..scene import lights
 from ..scene.scene_crowd import frame_of, policy_of, trajectory_of
 from ..sources.record_points import on_record
@@ -74,13 +74,14 @@ def bake(
     selection = _select_characters(scene, moments.rows)
     cast = yield from share(make_cast(scene, selection, read), 0.8, 0.99)
     times = [scene_data.remap(scene.render, number) for number in frames]
-    yield from standing(trim_actions(cast.rigs, times), 0.99)
+    with removed_on_failure(cast.names):
+        yield from standing(trim_actions(cast.rigs, times), 0.99)
+        yield from standing(reading_afresh(scene), 0.99)
     top = install(scene, cast)
     mark(scene, frames)
     _write(top, moments)
     dress_all(scene)
     cast.notes.extend(filter(None, [unplanned_notes(moments.unplanned)]))
-    yield 1.0
     return cast
 
 

@@ -10,9 +10,9 @@ from ...crowd_lod.format import counted
 from ...crowd_lod.frame.frame_range import shot_frames
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.progress import Made, share, standing
-from ..blender import cleanup, frame_stepping, scene_data
+from ..blender import cleanup, frame_stepping, provenance, scene_data
 from ..blender.operator import Reporting, Stepwise
-from ..characters.cast_provenance import reading, reading_afresh
+from ..characters.cast_provenance import reading
 from ..characters.group_measuring import measuring_groups
 from ..characters.stored_groups import groups_of, store_groups
 from ..lod_meshes.make_lods import make_levels
@@ -67,11 +67,11 @@ def prepared(
             elif not earlier_groups:
                 store_groups(settings, groups)
             result = yield from share(work(), 0.3 if lacks_levels else 0.0, 1.0)
-            hide_characters(scene)
-            watch_points(scene)
-            yield 1.0
-            layer.update()  # it tells what was edited, which is then read once
-            yield from standing(reading_afresh(scene), 1.0)
+            # no more yields: what is half shown could not be put back
+            with provenance.unedited():
+                hide_characters(scene)
+                watch_points(scene)
+                layer.update()
             update(scene, layer.depsgraph)
             note_build(scene)
             finished = True

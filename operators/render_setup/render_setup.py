@@ -16,8 +16,9 @@ from ...crowd_lod.format import number as figure
 from ...crowd_lod.progress import share, standing
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import provenance, scene_data, stored_values
+from ..blender.cleanup import removed_on_failure
 from ..blender.ownership import OWNED, remove_owned
-from ..characters.cast_provenance import reading
+from ..characters.cast_provenance import reading, reading_afresh
 from ..characters.stored_groups import groups_of
 from ..lod_meshes.made_for import to_make_again
 from ..lod_meshes.make_lods import TINTS
@@ -153,9 +154,15 @@ def build(
         cast = yield from standing(_current_cast(scene, of_plan), 0.2)
     if cast is None:
         cast = yield from share(make_cast(scene, selection, of_plan=of_plan), 0.2, 1.0)
+    inputs = {}
+    if complete:
+        with removed_on_failure(cast.names):
+            yield from standing(reading_afresh(scene), 1.0)
+            inputs = yield from standing(_inputs_of_characters(scene, of_plan), 1.0)
     top = install(scene, cast)
     if complete:
-        yield from standing(_note_inputs(scene, top, cast, of_plan), 1.0)
+        provenance.keep(top, MADE_OF, inputs | _shown(top))
+        top[NOTES] = "\n".join(cast.notes)
     return cast
 
 
@@ -181,28 +188,16 @@ def _current_cast(
         return None
     if MADE_OF not in top or np.any(np.ravel(top.get(POSED, 1))):
         return None
-    inputs = yield from _inputs_of_characters(scene, top, of_plan)
-    if not provenance.is_made_of(top, MADE_OF, inputs):
+    inputs = yield from _inputs_of_characters(scene, of_plan)
+    if not provenance.is_made_of(top, MADE_OF, inputs | _shown(top)):
         return None
     return Cast(np.array(top[POSED], np.intp), [], notes=str(top.get(NOTES, "")).splitlines())
 
 
-def _note_inputs(
-    scene: bpy.types.Scene, top: bpy.types.Collection, cast: Cast, of_plan: np.ndarray | None
-) -> Iterator[float]:
-    """Keep with the build what its characters were made of, so that they are not made again.
-
-    Yields between steps.
-    """
-    inputs = yield from _inputs_of_characters(scene, top, of_plan)
-    provenance.keep(top, MADE_OF, inputs)
-    top[NOTES] = "\n".join(cast.notes)
-
-
 def _inputs_of_characters(
-    scene: bpy.types.Scene, top: bpy.types.Collection, of_plan: np.ndarray | None
+    scene: bpy.types.Scene, of_plan: np.ndarray | None
 ) -> Generator[float, None, dict[str, str]]:
-    """Read all that the characters of the build `top` depend on.
+    """Read all that the characters of a build depend on, but for what it shows.
 
     Yields between steps, and returns digests by name.
     """
@@ -216,8 +211,12 @@ def _inputs_of_characters(
         "the LOD meshes": levels,
         "the shot plan": "" if of_plan is None else provenance.text_digest(of_plan.tolist()),
         "the settings": provenance.text_digest(policy.finest, settings.scale_textures),
-        "the build": shown_by(top),
     }
+
+
+def _shown(top: bpy.types.Collection) -> dict[str, str]:
+    """Return the digest of what the build `top` shows, by its name."""
+    return {"the build": shown_by(top)}
 
 
 def install(scene: bpy.types.Scene, cast: Cast) -> bpy.types.Collection:

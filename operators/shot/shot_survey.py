@@ -112,7 +112,7 @@ def survey_of(
         )
     count = max(len(frames) - begin, 1)
     milliseconds = {name: total / count for name, total in took.items()}
-    survey = yield from standing(aside(recording.survey), 1.0)
+    survey = yield from standing(aside(recording.make_survey), 1.0)
     return SurveyedShot(survey, np.array(parts.cameras), milliseconds, around.left_out)
 
 

@@ -18,7 +18,7 @@ from ..settings import needs
 from ..settings.budgets import LIMITS, budget_of, possible_budgets
 from ..sources.hand_edits import EDITS
 from . import steps
-from .drawing import active_column, button, label, letters_of, limit, paragraph, table, wide
+from .drawing import active_column, button, cells, label, letters_of, limit, paragraph, wide
 from .settings_list import draw_list
 from .step_panel import Step
 
@@ -243,12 +243,14 @@ class CROWDLOD_PT_cost(Step, bpy.types.Panel):
 
     def body(self, context, layout, settings) -> None:
         button(layout, "crowd_lod.estimate", icon="MEMORY")
-        head, *rows = (
-            (line.split("\t") for line in settings.estimate.splitlines())
-            if settings.estimate
-            else (("Not estimated",),)
-        )
-        table(layout, head, rows)
+        column = layout.column(align=True)
+        for name, *figures in (line.split("\t") for line in settings.estimate.splitlines()):
+            row = column.split(factor=0.38)
+            # the engine's frames, and the choice that is baked, are in the report
+            label(row, "Baked" if name.endswith(", Baked") else name.partition(",")[0])
+            cells(row, figures)
+        if not settings.estimate:
+            label(column, "Not estimated")
         row = layout.row(align=True)
         button(row, "crowd_lod.calibrate", icon="PREVIEW_RANGE")
         label(layout, *_calibrated(context.scene))
@@ -272,7 +274,10 @@ class CROWDLOD_PT_view_layers(Step, bpy.types.Panel):
 
     def body(self, context, layout, settings) -> None:
         for name, place in layers_of(context.scene).items():
-            layout.prop(place, "exclude", text=name, invert_checkbox=True, translate=False)
+            icon = "CHECKBOX_DEHLT" if place.exclude else "CHECKBOX_HLT"
+            row = layout.row()
+            row.use_property_split = False
+            row.prop(place, "exclude", text=name, icon=icon, invert_checkbox=True, translate=False)
         layout.operator("crowd_lod.add_aovs", icon="RENDERLAYERS")
 
 

@@ -326,6 +326,24 @@ def test_a_button_that_is_stopped_leaves_the_file_as_it_was(scene, name, part):
     assert scene.crowd_lod.levels is None and scene.crowd_lod.build is None
 
 
+def test_a_build_that_is_stopped_at_its_end_leaves_the_one_before(built):
+    top = built.crowd_lod.build
+
+    def rebuilding():
+        del top[render_setup.MADE_OF]  # else its characters would stay anyway
+        return prepared(built, lambda: render_setup.build(built))
+
+    ends = [progress for progress in rebuilding() if progress == 1.0]
+    before = set(bpy.data.user_map())
+    shown = set(top.all_objects)
+    work = rebuilding()
+    for _ in ends:
+        while next(work) < 1.0:
+            pass
+    work.close()
+    assert set(top.all_objects) == shown and set(bpy.data.user_map()) == before
+
+
 def test_what_is_missing_is_said_before_anything_is_made(scene):
     scene.camera = None
     before = set(bpy.data.user_map())

@@ -319,7 +319,9 @@ def test_mark_as_prop_marks_what_is_selected_or_nothing(scene):
     bpy.ops.crowd_lod.mark_as_prop(chance=0.3)
     assert bag["prop"] == pytest.approx(0.3)
     scene_cache.forget()
-    assert crowd_sources.outdated(scene) == ["The characters' props have changed: press Populate."]
+    assert crowd_sources.outdated(scene) == [
+        "The characters' props or slots have changed: press Populate."
+    ]
     populated(scene)
     scene_cache.forget()
     assert crowd_sources.outdated(scene) == []
@@ -329,6 +331,6 @@ def test_mark_as_prop_marks_what_is_selected_or_nothing(scene):
 def test_buttons_say_that_props_were_marked_since_populate(ready, name):
     del bpy.data.objects["bag"]["prop"]
     with pytest.raises(
-        RuntimeError, match="props have changed: press Populate, then Make LOD Meshes"
+        RuntimeError, match="props or slots have changed: press Populate, then Make LOD Meshes"
     ):
         getattr(bpy.ops.crowd_lod, name)()

@@ -14,6 +14,8 @@ from crowd_lod_extension.operators.render_setup import bake
 from crowd_lod_extension.operators.scene.scene_crowd import frame_of, trajectory_of
 from crowd_lod_extension.operators.shot.shot_plan import PlanRequest, plan_shot, write_levels
 
+from ..support.scatter import scatter
+from .test_points_source import crowd_of
 from .test_props import ball
 from .test_rigs import instances, itself
 
@@ -80,6 +82,45 @@ def test_parts_are_agents_who_do_what_their_wearers_do(dressed):
     bpy.data.objects["bob"]["share"] = 0.5
     again = populated(dressed).at(37)
     assert np.array_equal(again.x[again.group == cap], crowd.x[crowd.group == cap])
+
+
+def test_what_is_worn_follows_overrides_points_and_further_crowds(dressed):
+    scene = dressed
+    settings = scene.crowd_lod
+    settings.count = 200
+    trajectory = populated(scene)
+    names = [group.name for group in trajectory.groups]
+    first, second, third = np.unique(trajectory.wearer[200:])[:3].tolist()
+    values = ("HIDE", {}), ("GROUP", {"group_name": "child"}), ("NUDGE", {"move": (3, 0, 0)})
+    for agent, (kind, more) in zip((first, second, third), values, strict=True):
+        entry = settings.exceptions.add()
+        entry.kind = kind
+        entry.agents = str(agent)
+        for name, value in more.items():
+            setattr(entry, name, value)
+    edited = trajectory_of(scene)
+    crowd = edited.at(1)
+    before = trajectory.at(1)
+    rows = [edited.with_worn(np.array([agent])) for agent in (first, second, third)]
+    assert len(rows[0]) > 1 and not crowd.present[rows[0]].any()
+    assert len(rows[1]) == 1 and crowd.group[rows[1]] == [names.index("child")]
+    assert len(rows[2]) > 1 and np.allclose(crowd.x[rows[2]] - before.x[third], 3)
+    settings.exceptions.clear()
+    bpy.ops.crowd_lod.add_crowd()
+    settings.crowds[0].count = 50
+    several = populated(scene)
+    assert len(several.bare.start) == 250 and len(several.parts) == 2
+    settings.crowds[0].use_crowd = False
+    hidden = trajectory_of(scene).at(1).present
+    assert (hidden == (several.wearer < 200)).all()
+    settings.crowds.remove(0)
+    item = scatter(scene, attributes=[("id", "INT", np.arange(60) * 7)])
+    points = crowd_of(scene, item)
+    people = len(points.bare.start)
+    assert people == 60 and (points.ids[people:] == -1).all()
+    for name in ("x", "y", "heading"):
+        column = getattr(points.start, name)
+        assert (column == column[points.wearer]).all()
 
 
 WRONG = {

@@ -82,7 +82,7 @@ def test_lods_are_coarser_by_the_blur_and_no_more(crowd):
     recordings[1].bounds = np.array([GROUP.bounds])
     for recording in recordings:
         recording.add(frame)
-    plain, blurred = (recording.survey() for recording in recordings)
+    plain, blurred = (recording.make_survey() for recording in recordings)
     blur = blur_of(frame, np.arange(len(PLACES)))
     coarser = 0
     for agent in frame.buckets.order:

@@ -9,7 +9,7 @@ from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.shot.budget import decide_within
 from crowd_lod_extension.crowd_lod.shot.cells import Cells
 from crowd_lod_extension.crowd_lod.shot.curve import hysteresis
-from crowd_lod_extension.crowd_lod.shot.shot import by_character, decide, mesh_seconds
+from crowd_lod_extension.crowd_lod.shot.shot import by_character, decide
 from crowd_lod_extension.crowd_lod.shot.shot_cost import Bill
 from crowd_lod_extension.crowd_lod.shot.survey import CULLED, MIRRORED, SEEN, SHADOW
 from crowd_lod_extension.crowd_lod.shot.switches import noticed
@@ -106,7 +106,7 @@ def test_other_choices_are_those_of_cells_in_all_frames():
     seen = Grid(whole.survey).is_seen
     for choose in (
         lambda shot: hysteresis(shot.survey, BOUNDS, 0.5),
-        lambda shot: by_character(shot, mesh_seconds(shot, Bill(shot, shot.coarsest)), 0.01),
+        lambda shot: by_character(shot, Bill(shot, shot.coarsest).mesh_seconds, 0.01),
         lambda shot: shot.survey.of(np.arange(AGENTS)).coarsest,
     ):
         own = Grid(whole.survey).of(choose(whole))

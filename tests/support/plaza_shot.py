@@ -43,7 +43,7 @@ def plaza_shot(agents, frames):
             frame = plan(trajectory, camera(f / len(frames)), POLICY, time)
             recorder.add(frame)
         recorder.finish()
-    return trajectory, recording.survey()
+    return trajectory, recording.make_survey()
 
 
 def camera(way):

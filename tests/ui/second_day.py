@@ -90,7 +90,7 @@ def perform(folder: Path):
 def change_lens_and_path():
     camera = scene().camera
     camera.data.lens = 38
-    for frame, x in ((1, 0.0), (24, 2.5)):
+    for frame, x in ((1, 0.0), (scene().frame_end, 2.5)):
         camera.location.x += x
         camera.keyframe_insert("location", frame=frame)
 

@@ -81,6 +81,10 @@ def own_scene():
     settings().verify_count = 1
     settings().verify_width = 160
     settings().output_folder = str(FOLDER / "output")
+    if SECOND_DAY:  # no pictures of the page
+        scene().frame_end = 8
+        scene().render.resolution_percentage = 50
+        bpy.context.preferences.system.viewport_aa = "OFF"
 
 
 def made():
