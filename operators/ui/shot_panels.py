@@ -248,7 +248,7 @@ class CROWDLOD_PT_cost(Step, bpy.types.Panel):
             row = column.split(factor=0.34)
             # the engine's frames, and the choice that is baked, are in the report
             label(row, "Baked" if name.endswith(", Baked") else name.partition(",")[0])
-            for text, part in zip(figures, (0.4, 0.5, 1.0), strict=True):
+            for text, part in zip(figures, (0.4, 0.5, 1.0), strict=False):
                 row = row.split(factor=part)
                 label(row, text)
         if not settings.estimate:
