@@ -9,6 +9,7 @@ Prints the chapter's tables, and writes CSV, JSON and figure 1.6.
 ./crowd-lod bench --costs                           what things cost engines: costs.py
 ./crowd-lod bench --memory [FILE ...]               memory and files as predicted: memory.py
 ./crowd-lod bench --choices                         which LODs pay, rendered: choices.py
+./crowd-lod bench --occlusion                       who is hidden by scenery: occlusion.py
 ./crowd-lod bench --wardrobes                       parts that agents wear: wardrobes.py
 
 Test 1: milliseconds of each stage for 1 K to 1 M agents that walk, under a camera that moves,
@@ -139,6 +140,11 @@ def make_parser() -> argparse.ArgumentParser:
         help="instead, builds with several choices of LODs, rendered: an hour",
     )
     parser.add_argument(
+        "--occlusion",
+        action="store_true",
+        help="instead, who is hidden by scenery, judged by pictures and rays: half an hour",
+    )
+    parser.add_argument(
         "--wardrobes",
         action="store_true",
         help="instead, what slots of parts cost: three minutes",
@@ -193,6 +199,10 @@ def main(arguments: list[str] | None = None) -> None:
         import choices
 
         return choices.main()
+    if args.occlusion:
+        import occlusion
+
+        return occlusion.main(files.absolute(args.out), args.quick)
     if args.wardrobes:
         import wardrobes
 

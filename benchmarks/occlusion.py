@@ -223,8 +223,7 @@ def _free(tree: BVHTree, frame: Frame, points: np.ndarray, depth: np.ndarray) ->
 
 
 def opaque_tree(scene: bpy.types.Scene) -> BVHTree:
-    """The tree of all meshes that let nothing through, as they are now, in meters."""
-    meters = scene_data.meters(scene)
+    """The tree of all meshes that let nothing through, as they are now."""
     points = []
     faces = []
     for instance in scene.view_layers[0].depsgraph.object_instances:
@@ -234,7 +233,7 @@ def opaque_tree(scene: bpy.types.Scene) -> BVHTree:
             continue
         matrix = instance.matrix_world.copy()
         first = len(points)
-        points += [matrix @ vertex.co * meters for vertex in item.data.vertices]
+        points += [matrix @ vertex.co for vertex in item.data.vertices]
         faces += [[first + k for k in face.vertices] for face in item.data.polygons]
     return BVHTree.FromPolygons(points, faces)
 
@@ -306,10 +305,10 @@ def make(way: str, engine: str, file: str, agents: int) -> dict:
     finished(make_levels(scene))
     finished(bake.bake(scene, [SHOWN]))
     shown = sum(len(item.data.vertices) for item in render_setup.points_of(settings.build).values())
-    if way == "nobody":
-        render_setup.remove_build(settings)
     hide_characters(scene)
     bake.keep_what_renders(scene)
+    if way == "nobody":
+        render_setup.remove_build(settings)
     bpy.ops.wm.save_as_mainfile(filepath=file)
     return {"agents_in_file": shown, "file_mb": round(Path(file).stat().st_size / 1e6, 2)}
 

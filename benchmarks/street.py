@@ -232,17 +232,6 @@ def _cuts(scene: bpy.types.Scene) -> None:
     first.data.dof.use_dof = True
 
 
-def _centimeters(scene: bpy.types.Scene) -> None:
-    """The same street, a unit of the scene a centimeter."""
-    scene.unit_settings.scale_length = 0.01
-    root = bpy.data.objects.new("Root", None)
-    scene.collection.objects.link(root)
-    for item in scene.objects:
-        if item.parent is None and item != root and not item.get("crowd_lod_owned"):
-            item.parent = root
-    root.scale = (100, 100, 100)
-
-
 # name -> (what changes in the street, frames)
 CASES: dict[str, tuple[Callable[[bpy.types.Scene], None], tuple[int, ...]]] = {
     "street, gate shut, ajar, open": (lambda scene: None, (1, 70, 92, 110)),

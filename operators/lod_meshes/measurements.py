@@ -61,28 +61,34 @@ class Measurements:
         ]
         return min(near, key=lambda goal: self.value(goal, "triangles"), default=length)
 
-    def _pairs(self, x: str, y: str) -> list[tuple[float, float]]:
-        """The two kinds' values of each candidate made here that deviates."""
-        deviating = [goal for goal in self.rows if goal >= 0 and self.value(goal, "bounds") > 0]
-        return [(self.value(goal, x), self.value(goal, y)) for goal in deviating]
+    def _deviating(self) -> list[float]:
+        """Return the goals of the LODs made here that deviate, with fewer triangles than LOD 0."""
+        made_here = [goal for goal in self.rows if goal >= 0 and self.value(goal, "bounds") > 0]
+        most = max((self.value(goal, "triangles") for goal in self.rows if goal >= 0), default=0)
+        return [goal for goal in made_here if self.value(goal, "triangles") < most]
 
     def lost(self) -> list[float]:
-        """Return triangles x bound / diagonal of each candidate that deviates.
+        """Return triangles x bound / diagonal of each LOD that deviates.
 
         It is about the same for all LODs of a character: half the triangles, twice the bound.
         """
-        return [
-            triangles * bound / self.diagonal
-            for triangles, bound in self._pairs("triangles", "bounds")
-        ]
+        pairs = self._by_bound("triangles")
+        return [triangles * bound / self.diagonal for bound, triangles in pairs]
+
+    def _by_bound(self, kind: str) -> list[tuple[float, float]]:
+        """Return the bound, and the value of `kind`, of each LOD that deviates."""
+        return [(self.value(goal, "bounds"), self.value(goal, kind)) for goal in self._deviating()]
 
     def guess_triangles(self, lengths: Sequence[float], usual: float) -> list[int]:
         """Return about how many triangles a LOD has that deviates by each of `lengths`.
 
-        usual: the value of `lost` where no candidate that deviates was measured.
+        usual: the value of `lost` where no candidate was searched for.
         """
         most = int(self.value(0.0, "triangles"))
-        pairs = self._pairs("bounds", "triangles") or [(usual * self.diagonal / most, most)]
+        # lengths too small for any LOD; where finer ones have one, the search itself has failed
+        shortest = min(self._deviating(), default=np.inf)
+        whole = [(goal, most) for goal in self.rows if 0 < goal < shortest]
+        pairs = whole + self._by_bound("triangles") or [(usual * self.diagonal / most, most)]
         return read_curve(lengths, pairs, -1.0).round().astype(int).clip(1, most).tolist()
 
     def complete(
@@ -114,7 +120,7 @@ class Measurements:
             "vertices": [round(corners * count) for count in triangles],
         }
         if "shaded" in self.kinds:
-            pairs = [pair for pair in self._pairs("bounds", "shaded") if 0 < pair[1] < np.inf]
+            pairs = [pair for pair in self._by_bound("shaded") if 0 < pair[1] < np.inf]
             guesses["shaded"] = [0.0] * len(lengths)
             if pairs:
                 guesses["shaded"] = read_curve(lengths, pairs, 1.0).tolist()

@@ -25,9 +25,9 @@ LEFT = 0.1  # part of a search that is left after the first measurement of the w
 FITTED = 0.72  # part of a try of a length after which the whole is measured
 LEFT_OF_ROUND = 0.5  # part of the tries that is left after one, on average
 ROUNDS = 5  # tries of a length, at most, before the whole is measured
-MOST_MEASURED = 4  # times that the whole is measured, at most
-# Where no LOD fits, the last try aims at the estimated deviation divided by this.
-SAFE = 1.3
+# The whole is measured so many times at most. Each time tries aim at the length divided by this:
+# where no estimate sees what is lost, such as an arm, more triangles keep it.
+SAFE = 1.0, 1.0, 1.0, 1.3, 2.6
 CLOSE = 0.92  # a LOD that deviates by this part of the length is not made coarser
 AIM = 0.96  # part of the length that tries aim at, between CLOSE and 1
 # A LOD by Decimate is usually this many times as far off as one by Pose-Aware of as many triangles.
@@ -241,10 +241,10 @@ class Search:
         """
         before: list[list[Try]] = []
         yield from self._leave_out(length / USUAL)
-        for k in range(MOST_MEASURED):
+        for k, finer in enumerate(SAFE):
             begin = 1 - LEFT**k
             end = 1 - LEFT ** (k + 1)
-            aim = length / (USUAL * (SAFE if k + 1 == MOST_MEASURED else 1.0))
+            aim = length / (USUAL * finer)
             measuring = begin + FITTED * (end - begin)
             yield from share(self._fit(aim, about), begin, measuring)
             objects = self._best(aim)

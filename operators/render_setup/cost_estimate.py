@@ -49,6 +49,7 @@ CHOICES = {"BY_RATIO": "By Ratio", "BY_TOLERANCE": "By Tolerance"}
 # of the square about its bounding sphere in the picture that a character covers, roughly
 COVERS = 0.15
 LEAST_HIDDEN = 0.1  # part of the agents in the picture below which hiding them gains little
+LEAST_IN_CYCLES = 10_000  # hidden agents of a frame: 17 MB and 0.1 s (docs/notes/occlusion.md)
 
 
 @dataclass(frozen=True)
@@ -73,6 +74,7 @@ class Estimate:
     looked_at: those of them that were planned.
     hidden: part of the agents in the picture that scenery hides with their shadows; None if that is
         not asked for.
+    hidden_agents: their number, the mean of the frames.
     """
 
     works: dict[str, Work]
@@ -80,6 +82,7 @@ class Estimate:
     frames: Sequence[int]
     looked_at: Sequence[int]
     hidden: float | None = None
+    hidden_agents: float = 0.0
 
     @cached_property
     def prices(self) -> dict[str, Price]:
@@ -146,6 +149,11 @@ class Estimate:
         gain = f" Scenery hides {self.hidden:.0%} of the agents in the picture"
         if self.hidden < LEAST_HIDDEN:
             return f"{gain}, which gains next to nothing: switch off Hide Behind Scenery."
+        if self.costs.engine == "CYCLES" and self.hidden_agents < LEAST_IN_CYCLES:
+            return (
+                f"{gain}, {self.hidden_agents:,.0f} a frame: so few instances cost Cycles next to "
+                f"nothing."
+            )
         return f"{gain}."
 
 
@@ -239,7 +247,7 @@ def estimate(
                 packed=float(packed),
             )
             works[f"{name}, Baked" if baked and not known else name] = work
-    return Estimate(works, costs_of(scene), frames, looked_at, views.hidden)
+    return Estimate(works, costs_of(scene), frames, looked_at, views.hidden, views.hidden_agents)
 
 
 class _Seen(NamedTuple):
@@ -249,11 +257,13 @@ class _Seen(NamedTuple):
         work_of.
     rays: (F,) float64, samples of the pixels that agents cover.
     hidden: part of the agents in the picture that scenery hides with their shadows, or None.
+    hidden_agents: their number, the mean of the frames.
     """
 
     agents_shown: dict[str, np.ndarray]
     rays: np.ndarray
     hidden: float | None
+    hidden_agents: float
 
 
 def _look_at(
@@ -290,7 +300,8 @@ def _look_at(
             yield (number_done + 1) / len(numbers)
     counts = {name: np.array(rows) for name, rows in agents_shown.items()}
     share_hidden = gone / max(in_picture, 1) if settings.occlusion else None
-    return _Seen(counts, np.array(rays), share_hidden)
+    planned = max(len(numbers) * len(choices), 1)
+    return _Seen(counts, np.array(rays), share_hidden, gone / planned)
 
 
 def _shown(frame: Frame, library: Library, trajectory: Trajectory, count: int) -> np.ndarray:

@@ -33,9 +33,9 @@ ACROSS = 8
 LARGEST = 600
 MOST_FINER = 32  # pixels of a crop in one of the final picture, along each axis
 ERROR = 1.0  # pixels of a crop by which a shift between two of them errs, see silhouette.shift
-# of 1, encoded as sRGB: by how much the mean color of an agent may be off. LODs of textured and
-# plain characters are off by 0.003 (docs/notes/shot_plan.md)
-COLOR_OFF = 0.05
+# of 1, encoded as sRGB: by how much the mean color of an agent may be off. LODs of people
+# are off by 0.003, of shiny balls by 0.07 (docs/notes/shot_plan.md)
+COLOR_OFF = 0.1
 TILE = 480  # pixels of a crop's larger side in the picture of all of them
 BEHIND = 0.4  # behind the agents in that picture, sRGB
 

@@ -104,7 +104,7 @@ class CROWDLOD_PT_crowd(Step, bpy.types.Panel):
             button(
                 self.layout,
                 "crowd_lod.characters_from_selection",
-                "From Selection",
+                "Selection",
                 following=following,
             )
         else:

@@ -18,7 +18,7 @@ from ..settings import needs
 from ..settings.budgets import LIMITS, budget_of, possible_budgets
 from ..sources.hand_edits import EDITS
 from . import steps
-from .drawing import active_column, button, cells, label, letters_of, limit, paragraph, wide
+from .drawing import active_column, button, label, letters_of, limit, paragraph, wide
 from .settings_list import draw_list
 from .step_panel import Step
 
@@ -245,10 +245,12 @@ class CROWDLOD_PT_cost(Step, bpy.types.Panel):
         button(layout, "crowd_lod.estimate", icon="MEMORY")
         column = layout.column(align=True)
         for name, *figures in (line.split("\t") for line in settings.estimate.splitlines()):
-            row = column.split(factor=0.38)
+            row = column.split(factor=0.33)
             # the engine's frames, and the choice that is baked, are in the report
             label(row, "Baked" if name.endswith(", Baked") else name.partition(",")[0])
-            cells(row, figures)
+            for text, part in zip(figures, (0.38, 0.6, 1.0), strict=False):
+                row = row.split(factor=part)
+                label(row, text)
         if not settings.estimate:
             label(column, "Not estimated")
         row = layout.row(align=True)
@@ -274,10 +276,9 @@ class CROWDLOD_PT_view_layers(Step, bpy.types.Panel):
 
     def body(self, context, layout, settings) -> None:
         for name, place in layers_of(context.scene).items():
-            icon = "CHECKBOX_DEHLT" if place.exclude else "CHECKBOX_HLT"
             row = layout.row()
             row.use_property_split = False
-            row.prop(place, "exclude", text=name, icon=icon, invert_checkbox=True, translate=False)
+            row.prop(place, "exclude", text=name, invert_checkbox=True, translate=False)
         layout.operator("crowd_lod.add_aovs", icon="RENDERLAYERS")
 
 

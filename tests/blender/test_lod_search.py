@@ -6,6 +6,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.lod_meshes.deviation import Measure
 from crowd_lod_extension.operators.lod_meshes.level_objects import make_object
+from crowd_lod_extension.operators.lod_meshes.measurements import Measurements
 from crowd_lod_extension.operators.lod_meshes.search import Curve, Search, Try
 from crowd_lod_extension.operators.lod_meshes.source_mesh import read_source
 
@@ -139,3 +140,15 @@ def test_a_hidden_object_is_left_out(body):
     bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=3, radius=0.5)
     triangles, _ = search_lods([body, bpy.context.object], 0.03)
     assert triangles[1] == 0
+
+
+def test_where_a_search_took_all_triangles_no_finer_lod_is_guessed_to_take_fewer():
+    measured = Measurements(with_shading=False)
+    measured.diagonal = 2.0
+    whole = (500, 1000, 0.0, 1e-4, 0.0, 1.0)
+    measured.rows = {0.0: whole, 0.002: whole}
+    assert measured.guess_triangles([0.001, 0.002, 0.004], 4.0) == [1000, 1000, 500]
+    assert measured.lost() == []
+    # one that fails where finer lengths have LODs says nothing
+    measured.rows |= {0.01: (50, 100, 0.009, 0.01, 0.0, 1.0), 0.02: whole}
+    assert measured.guess_triangles([0.001, 0.02], 4.0) == [1000, 50]

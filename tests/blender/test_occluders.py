@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.frame.hidden import hidden_wholly
 from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.operators.blender import scene_data
 from crowd_lod_extension.operators.overlay.agent_colors import by_reason
 from crowd_lod_extension.operators.render_setup import render_setup
 from crowd_lod_extension.operators.render_setup.cost_estimate import estimate
@@ -192,6 +193,9 @@ def test_a_gate_hides_when_it_is_shut_and_not_while_the_shutter_sees_it_move(str
 
 def test_estimate_tells_the_gain_and_the_digest_the_scenery(street):
     settings = street.crowd_lod
+    sentence = finished(estimate(street, settings, [1])).sentence
+    assert "Scenery hides" in sentence and "so few instances cost Cycles" in sentence
+    street.render.engine = scene_data.EEVEE
     sentence = finished(estimate(street, settings, [1])).sentence
     assert "Scenery hides" in sentence and "next to nothing" not in sentence
     before = scenery_digest(street)
