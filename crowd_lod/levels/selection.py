@@ -79,26 +79,7 @@ def choose(
     meters: the length of a unit in meters, for the sentences.
     given: candidates that artists made. Only the last two rules drop these.
     """
-    candidates = [0]
-    dropped = {}
-    for k in range(1, len(group.triangles)):
-        count = group.triangles[k]
-        finer = group.triangles[candidates[-1]]
-        coarser = zip(group.triangles[k + 1 :], group.bounds[k + 1 :], strict=True)
-        lower = [n for n, deviation in coarser if n < count and deviation <= group.bounds[k]]
-        rivals = [group.triangles[n] for n in given if n > k and k not in given]
-        rivals = [triangles for triangles in rivals if triangles > (1 - LEAST_SAVED) * count]
-        if rivals:
-            dropped[k] = f"{count:,} triangles save too little beside a given LOD of {rivals[0]:,}."
-        elif lower and k not in given:
-            dropped[k] = f"{count:,} triangles deviate as much as {lower[0]:,} triangles, or more."
-        elif count > (1 - LEAST_SAVED) * finer:
-            dropped[k] = (
-                f"{count:,} triangles save less than a fifth of the {finer:,} of the next finer "
-                f"LOD."
-            )
-        else:
-            candidates.append(k)
+    candidates, dropped = _worth_making(group, given)
     deviation = np.array([[group.bounds[k] for k in candidates]])
     policy = LevelPolicy((0.0,) * (len(candidates) - 1), "PIXELS", tolerance=tolerance)
     is_used = np.zeros(len(candidates), bool)
@@ -122,6 +103,31 @@ def choose(
             reason = _unused(j, edges, views, meters)
         dropped[candidates[j]] = f"{triangles:,} triangles {reason}"
     return [k for k, needed in zip(candidates, is_used, strict=True) if needed or k == 0], dropped
+
+
+def _worth_making(group: Group, given: Collection[int]) -> tuple[list[int], dict[int, str]]:
+    """Return (candidates, {dropped candidate: reason}) by the rules of `choose` without views."""
+    candidates = [0]
+    dropped = {}
+    for k in range(1, len(group.triangles)):
+        count = group.triangles[k]
+        finer = group.triangles[candidates[-1]]
+        coarser = zip(group.triangles[k + 1 :], group.bounds[k + 1 :], strict=True)
+        lower = [n for n, deviation in coarser if n < count and deviation <= group.bounds[k]]
+        rivals = [group.triangles[n] for n in given if n > k and k not in given]
+        rivals = [triangles for triangles in rivals if triangles > (1 - LEAST_SAVED) * count]
+        if rivals:
+            dropped[k] = f"{count:,} triangles save too little beside a given LOD of {rivals[0]:,}."
+        elif lower and k not in given:
+            dropped[k] = f"{count:,} triangles deviate as much as {lower[0]:,} triangles, or more."
+        elif count > (1 - LEAST_SAVED) * finer:
+            dropped[k] = (
+                f"{count:,} triangles save less than a fifth of the {finer:,} of the next finer "
+                f"LOD."
+            )
+        else:
+            candidates.append(k)
+    return candidates, dropped
 
 
 def _unused(j: int, edges: np.ndarray, views: Sequence[View], meters: float) -> str:

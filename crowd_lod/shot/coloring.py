@@ -414,7 +414,7 @@ def _options(sides: _Sides, phases: Phases, is_near: np.ndarray) -> np.ndarray:
 
 
 def _few_of(size: int) -> np.ndarray:
-    """Return FEWEST_CLASSES classes of the palette of `size`, as even as they can be, or all of it."""
+    """Return FEWEST_CLASSES classes of the palette of `size`, evenly spread, or all of it."""
     few = min(FEWEST_CLASSES, size)
     return palette(size)[np.arange(few) * int(size) // few]
 

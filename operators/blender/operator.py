@@ -19,8 +19,8 @@ from .labeled_properties import CONTEXT
 # it is slow. Steps change data, after which Blender draws all of the window: 0.1 to 0.2 s on
 # software OpenGL, a few ms on a card.
 TICKS = (0.04, 0.1, 0.2, 0.4), (0.04, 0.1, 0.1, 0.2)
-# The time left is known from this progress on, where estimates of the whole differ by KNOWN at most.
-# Else the least of them may be WRONG times too long.
+# The time left is known from this progress on, where estimates of the whole differ by KNOWN at
+# most. Else the least of them may be WRONG times too long.
 EARLY = 0.25
 KNOWN = 1.4
 WRONG = 1.5
@@ -40,7 +40,8 @@ class TimeLeft:
     """The time that a step has left, as its progress tells.
 
     It is said once a part is done, and where the latter half of the time has told about the same
-    whole. Else only a least time is: some searches take more tries than others, and call for further searches.
+    whole. Else only a least time is: some searches take more tries than others, and call for
+    further ones.
     """
 
     def __init__(self):

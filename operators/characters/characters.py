@@ -216,11 +216,12 @@ def props_outdated(scene: bpy.types.Scene) -> Iterator[str]:
     groups = scene.crowd_lod.groups
     with suppress(CrowdError):  # Populate tells
         cast = all_characters(scene) if len(groups) else []
-        now = {each.name: each.chance for each in cast if each.variant_of}
+        now = {character.name: character.chance for character in cast if character.variant_of}
         before = {group.name: group.chance for group in groups if group.variant_of}
         slots = {group.name: (group.slot, group.excludes) for group in groups}
         other_slots = any(
-            slots.get(each.name, ("", "")) != (each.slot, ", ".join(each.excludes)) for each in cast
+            slots.get(character.name, ("", "")) != (character.slot, ", ".join(character.excludes))
+            for character in cast
         )
         if (
             other_slots
