@@ -70,10 +70,7 @@ def views(
     MOST_FRAMES of the shot's frames, with a budget MOST_FOR_BUDGET. A group that no frame shows
     counts as anywhere within the camera's clip range.
     """
-    if limits_levels(settings):
-        looked_at = spread_evenly(scene_data.frames_of(scene), MOST_FOR_BUDGET)
-    else:
-        looked_at = spread_evenly(scene_data.frames_of(scene, settings.step), MOST_FRAMES)
+    looked_at = _frames_looked_at(scene, settings)
     frames = scene_data.frames_of(scene)
     exemptions = chosen_exemptions(scene, trajectory, frames) if limits_levels(settings) else ()
     bias = bias_of(settings)
@@ -123,6 +120,12 @@ def views(
             zip(views_of, np.diff(first), rigged, strict=True)
         )
     ]
+
+
+def _frames_looked_at(scene: bpy.types.Scene, settings) -> list[int]:
+    if limits_levels(settings):
+        return spread_evenly(scene_data.frames_of(scene), MOST_FOR_BUDGET)
+    return spread_evenly(scene_data.frames_of(scene, settings.step), MOST_FRAMES)
 
 
 def cast_of(characters: Characters, trajectory: Trajectory) -> Library:
