@@ -12,6 +12,7 @@ import pytest
 from bl_operators.presets import AddPresetBase
 from crowd_lod_extension.operators import registration
 from crowd_lod_extension.operators.settings import presets, properties
+from crowd_lod_extension.operators.settings.budgets import LIMITS
 
 STEPS = list(properties.STEPS)
 
@@ -175,6 +176,7 @@ def test_no_poll_raises_without_a_scene():
 # avoid_pops is drawn in percent
 NOT_DRAWN = {"points_count", "start_places", "terrain_mesh", "areas_image", "avoid_pops"}
 LISTED = {"areas", "exceptions", "exception_index"}
+BUDGETS = {setting for setting, _, _ in LIMITS.values()}  # drawn from that table
 
 
 def test_the_sidebar_names_every_setting_of_the_steps():
@@ -182,4 +184,4 @@ def test_the_sidebar_names_every_setting_of_the_steps():
     text = "".join(page.read_text(encoding="utf-8") for page in pages)
     settings = [name for part in properties.ALL for name in part.__annotations__]
     missing = {name for name in settings if f'"{name}"' not in text}
-    assert missing == NOT_DRAWN | LISTED
+    assert missing == NOT_DRAWN | LISTED | BUDGETS
