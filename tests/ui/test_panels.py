@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-STATES = 15 * int(os.environ.get("CROWD_LOD_TRIALS", "1"))
+STATES = 10 * int(os.environ.get("CROWD_LOD_TRIALS", "1"))
 BUTTONS = (
     "populate remove_build remove_plan add_exception remove_exception move_exception "
     "except_agent edit_agent find_agents erase go_to_switch machine_preset"
