@@ -1,6 +1,5 @@
 """A crowd with what its agents wear: each worn part is an agent where its wearer is."""
 
-from collections.abc import Callable, Generator, Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -10,13 +9,13 @@ from ..animation.phase_classes import Gaits
 from ..crowd import random_streams
 from ..crowd.agents import Crowd
 from ..crowd.leave_outs import LeftOut, needless_of_places
-from ..crowd.maps import Area
 from ..crowd.velocity_bounds import VelocityBounds
 from ..crowd.wardrobe import draw_parts
-from .trajectory import States, Trajectory
+from .around import AroundTrajectory
+from .trajectory import Trajectory
 
 
-class Dressed(Trajectory):
+class Dressed(AroundTrajectory):
     """The agents of a trajectory, and behind them the parts of their wardrobes that they wear.
 
     Agents keep their numbers. A part stands, turns and plays as its wearer does, and is of the
@@ -53,29 +52,9 @@ class Dressed(Trajectory):
         )
 
     @property
-    def area(self) -> Area:
-        return self.base.area
-
-    @property
-    def states(self) -> States:
-        return self.base.states
-
-    @property
-    def parts(self) -> tuple[Trajectory, ...]:
-        return self.base.parts
-
-    @property
     def bare(self) -> Trajectory:
         """The agents without what they wear."""
         return self.base
-
-    @property
-    def level(self) -> bool:
-        return self.base.level
-
-    @property
-    def wraps(self) -> bool:
-        return self.base.wraps
 
     @property
     def note(self) -> str:
@@ -94,24 +73,6 @@ class Dressed(Trajectory):
     def velocity(self, since: float, until: float) -> VelocityBounds | None:
         """Return the wearers' bounds."""
         return self.base.velocity(since, until)
-
-    def at(self, time: float) -> Crowd:
-        """Return the crowd at `time`, in frames."""
-        return self._of(self.base.at(time))
-
-    def kept_at(self, frame: int) -> Crowd:
-        """Return the crowd at a whole `frame`, counted from the first."""
-        return self._of(self.base.kept_at(frame))
-
-    def approach(
-        self, time: float, then: Callable[[], object] = lambda: None
-    ) -> Generator[float, None, None]:
-        """Do what `at` needs."""
-        yield from self.base.approach(time, then)
-
-    def most_moved(self, times: Sequence[float]) -> float:
-        """Return the wearers'."""
-        return self.base.most_moved(times)
 
     def jumped(self, now: Crowd, before: Crowd, agents: np.ndarray) -> np.ndarray | None:
         """Return which of `agents` came back at the other side of the area."""

@@ -1,6 +1,6 @@
 """A crowd with some of its agents changed by hand."""
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,7 +10,8 @@ from ..crowd.agents import Crowd
 from ..crowd.leave_outs import LeftOut, needless_of_places
 from ..crowd.maps import Area
 from ..crowd.velocity_bounds import VelocityBounds
-from .trajectory import States, Trajectory
+from .around import AroundTrajectory
+from .trajectory import Trajectory
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class Edit:
     hide: bool = False
 
 
-class Edited(Trajectory):
+class Edited(AroundTrajectory):
     """The agents of a trajectory, some of them changed by hand.
 
     Moves and turns of one agent add up; of two groups the later holds; who is hidden once is
@@ -79,31 +80,6 @@ class Edited(Trajectory):
         moves_off = base.wraps or not _all_on(base.start, self._moved, base.area)
         self._leaves_area = bool(len(self._moved)) and moves_off
 
-    @property
-    def area(self) -> Area:
-        """That of the trajectory; who is moved may stand beside it."""
-        return self.base.area
-
-    @property
-    def states(self) -> States:
-        """Those of the trajectory."""
-        return self.base.states
-
-    @property
-    def parts(self) -> tuple[Trajectory, ...]:
-        """Those of the trajectory."""
-        return self.base.parts
-
-    @property
-    def level(self) -> bool:
-        """Whether nobody ever leaves its height."""
-        return self.base.level
-
-    @property
-    def wraps(self) -> bool:
-        """Whether agents come back at the other side of the area, moved as they are."""
-        return self.base.wraps
-
     def velocity(self, since: float, until: float) -> VelocityBounds | None:
         """Return the trajectory's bounds.
 
@@ -111,24 +87,6 @@ class Edited(Trajectory):
         area to another.
         """
         return None if self._leaves_area else self.base.velocity(since, until)
-
-    def at(self, time: float) -> Crowd:
-        """Return the crowd at `time`, in frames."""
-        return self._of(self.base.at(time))
-
-    def kept_at(self, frame: int) -> Crowd:
-        """Return the crowd at a whole `frame`, counted from the first."""
-        return self._of(self.base.kept_at(frame))
-
-    def approach(
-        self, time: float, then: Callable[[], object] = lambda: None
-    ) -> Generator[float, None, None]:
-        """Do what `at` needs."""
-        yield from self.base.approach(time, then)
-
-    def most_moved(self, times: Sequence[float]) -> float:
-        """Return the trajectory's."""
-        return self.base.most_moved(times)
 
     def jumped(self, now: Crowd, before: Crowd, agents: np.ndarray) -> np.ndarray | None:
         """Return which of `agents` came back at the other side of the area."""
