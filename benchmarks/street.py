@@ -78,7 +78,8 @@ def _build(home: bpy.types.Collection, houses: int) -> None:
     for i in range(-houses, houses):
         for j in range(-houses, houses):
             shape, surface = special.get((i, j), (box, stucco))
-            x, y = i * BLOCK + 5, j * BLOCK + 5
+            x = i * BLOCK + 5
+            y = j * BLOCK + 5
             height = float(random.integers(9, 20))
             add(
                 home,
