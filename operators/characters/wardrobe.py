@@ -184,19 +184,25 @@ def _rigs_of(objects: Sequence[bpy.types.Object]) -> list[bpy.types.Object]:
     return armatures_of(moved)
 
 
+def members_of(home: bpy.types.Collection) -> list[tuple[Owner, list[bpy.types.Object]]]:
+    """Return (what names it, its objects) of each part of the slot `home`."""
+    direct = home.objects[:]
+    roots = [item for item in direct if item.parent not in direct and item.type != "ARMATURE"]
+    return [
+        *((child, list(child.all_objects)) for child in home.children),
+        *((root, [root, *root.children_recursive]) for root in roots),
+    ]
+
+
 def _parts_in(
     owner: Owner,
     slot: str,
     home: bpy.types.Collection,
     shapes: Sequence[bpy.types.Object],
 ) -> Iterator[Part]:
-    members: list[tuple[Owner, list[bpy.types.Object]]] = [
-        (child, list(child.all_objects)) for child in home.children
+    worn = [
+        (part, [item for item in objects if item in shapes]) for part, objects in members_of(home)
     ]
-    direct = home.objects[:]
-    roots = [item for item in direct if item.parent not in direct and item.type != "ARMATURE"]
-    members += [(root, [root, *root.children_recursive]) for root in roots]
-    worn = [(part, [item for item in objects if item in shapes]) for part, objects in members]
     worn = [(part, objects) for part, objects in worn if any(map(may_have_faces, objects))]
     if not worn:
         raise CrowdError(
