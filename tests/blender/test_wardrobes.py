@@ -184,3 +184,28 @@ def test_plan_build_and_bake_show_each_part_where_its_wearer_is(dressed, tmp_pat
         points += [crowd.x[agent], crowd.y[agent], crowd.z[agent]]
         same = [other for other in visible if other.shape == points.shape]
         assert min(abs(other - points).max() for other in same) < 2e-4
+
+
+def test_make_slot_takes_what_is_selected_or_changes_nothing(scene):
+    cap = ball("cap", 0.2, (0, 0, 1.8), "head")
+    crown = ball("crown", 0.4, (0, 0, 1.9), "head")
+    with pytest.raises(RuntimeError, match="Select objects of one character group first"):
+        bpy.ops.crowd_lod.make_slot()
+    for item in (bpy.data.objects["adult"], cap, crown):
+        item.select_set(True)
+    with pytest.raises(RuntimeError, match="All meshes of the character group adult are props or"):
+        bpy.ops.crowd_lod.make_slot(slot="hat")
+    adult = bpy.data.collections["adult"]
+    assert not adult.children and cap.users_collection == (adult,) and "share" not in cap
+    bpy.ops.object.select_all(action="DESELECT")
+    cap.select_set(True)
+    bpy.ops.crowd_lod.make_slot(slot="hat", none=0.5)
+    cap.select_set(False)
+    crown.select_set(True)
+    bpy.ops.crowd_lod.make_slot(slot="hat")
+    (home,) = adult.children
+    assert home.name == "slot: hat" and set(home.objects) == {cap, crown} and home["none"] == 0.5
+    assert [(part.name, part.chance) for part in all_characters(scene)[1:3]] == [
+        ("adult + cap", 0.4),
+        ("adult + crown", 0.4),
+    ]
