@@ -9,6 +9,7 @@ from crowd_lod_extension.crowd_lod.shot.shot_cost import work_in
 from crowd_lod_extension.operators.blender import scene_data
 from crowd_lod_extension.operators.blender.material_colors import BY_AGENT, Looks
 from crowd_lod_extension.operators.blender.mesh_data import read_points
+from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
 from crowd_lod_extension.operators.characters.characters import all_characters
 from crowd_lod_extension.operators.characters.group_measuring import measure_groups
 from crowd_lod_extension.operators.characters.stored_groups import store_groups
@@ -222,8 +223,8 @@ def test_make_slot_takes_what_is_selected_or_changes_nothing(scene):
 def color_ramp(name, color):
     """A material that varies with `looks`: black, and from 0.5 on `color`."""
     material = bpy.data.materials.new(name)
-    material.use_nodes = True
-    nodes = material.node_tree.nodes
+    tree = switch_nodes_on(material)
+    nodes = tree.nodes
     number = nodes.new("ShaderNodeAttribute")
     number.attribute_type = "INSTANCER"
     number.attribute_name = "looks"
@@ -231,9 +232,8 @@ def color_ramp(name, color):
     ramp.color_ramp.interpolation = "CONSTANT"
     ramp.color_ramp.elements[1].position = 0.5
     ramp.color_ramp.elements[1].color = color
-    link = material.node_tree.links.new
-    link(number.outputs["Fac"], ramp.inputs["Fac"])
-    link(ramp.outputs["Color"], nodes["Principled BSDF"].inputs["Base Color"])
+    tree.links.new(number.outputs["Fac"], ramp.inputs["Fac"])
+    tree.links.new(ramp.outputs["Color"], nodes["Principled BSDF"].inputs["Base Color"])
     return material
 
 
