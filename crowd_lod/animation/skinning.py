@@ -24,7 +24,8 @@ class SkinnedMesh:
     weights: (v, INFLUENCES) float32, strongest first; each row sums to 1.
     uvs: (v, 2) float32.
     colors: (v, 3) float32, linear base color.
-    layers: (v,) float32, the image that replaces the color, -1 for none.
+    layers: (v,) float32, the image that replaces the color, -1 for none, and -2 for the agent's
+        color in its place.
     triangles: (t, 3) uint32.
     closed: whether back faces are never seen from outside.
     """

@@ -13,9 +13,7 @@ from ...crowd_lod.behavior.walk import walks_of
 from ...crowd_lod.format import counted
 from ...crowd_lod.levels.cost_model import NAMES
 from ..blender import operator
-from ..blender.props import PROP
 from ..blender.scene_data import engine_of
-from ..characters.prop_button import props_in
 from ..lod_meshes.made_for import changed, edited, forecast
 from ..overlay import viewport_overlay
 from ..runs.update_all import due_steps
@@ -38,6 +36,7 @@ from .drawing import (
     wide,
 )
 from .step_panel import Sidebar, Step, help_button, presets_button
+from .wardrobe_panel import CROWDLOD_PT_wardrobes
 
 
 class CROWDLOD_PT_main(Sidebar, bpy.types.Panel):
@@ -153,12 +152,6 @@ class CROWDLOD_PT_crowd_advanced(Step, bpy.types.Panel):
             layout.row().prop(group, "scale", text=f"{group.name} Scale", translate=False)
         for group in [group for group in groups if group.lowest][:MOST_ROWS]:
             layout.prop(group, "on_ground", text=f"{group.name} on Ground", translate=False)
-        props = props_in(context.scene)
-        if props:
-            label(layout, "Chance of Props")
-        for item in props[:MOST_ROWS]:
-            layout.prop(item, f'["{PROP}"]', text=item.name, translate=False)
-        button(layout, "crowd_lod.mark_as_prop", icon="MOD_CLOTH")
         button(layout, "crowd_lod.give_lod", icon="MOD_DECIM")
         button(layout, "crowd_lod.take_action", icon="ACTION")
 
@@ -397,6 +390,7 @@ CLASSES = (
     CROWDLOD_PT_main,
     CROWDLOD_PT_crowd,
     CROWDLOD_PT_groups,
+    CROWDLOD_PT_wardrobes,
     CROWDLOD_PT_crowd_advanced,
     CROWDLOD_PT_samples,
     CROWDLOD_PT_behavior,

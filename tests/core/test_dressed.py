@@ -4,11 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
-from crowd_lod_extension.crowd_lod.crowd.agents import populate
+from crowd_lod_extension.crowd_lod.crowd.agents import Draw, populate
 from crowd_lod_extension.crowd_lod.crowd.bounding_spheres import cover_wardrobes
 from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS, NOTHING
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
-from crowd_lod_extension.crowd_lod.crowd.variants import Draw
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.sources.dressed import Dressed
 
@@ -40,7 +39,7 @@ GROUPS = cover_wardrobes(
 def dressed(count, groups=GROUPS):
     table = walking("wrap")
     world = LabelMap(np.zeros((4, 4), np.uint8), Area(-40, 0, 40, 100))
-    draw = Draw(2, (((0, 1.0),), ((len(groups) - 1, 1.0),)))
+    draw = Draw(2, (0, len(groups) - 1))
     start = populate(count, 1, draw, table, world)
     return Dressed(Walk(start, table, world, groups, 1 / 24))
 
