@@ -73,17 +73,17 @@ def closed(points: np.ndarray, triangles: np.ndarray) -> bool:
     return bool((volume >= 0).all())
 
 
-def strongest(weights: np.ndarray, influences: int = INFLUENCES) -> tuple[np.ndarray, np.ndarray]:
+def strongest(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the strongest weights of each vertex, and their columns.
 
     weights: (v, k), none below 0.
-    Returns (columns (v, influences) uint16, weights (v, influences) float32). Weights are in
+    Returns (columns (v, INFLUENCES) uint16, weights (v, INFLUENCES) float32). Weights are in
     decreasing order and sum to 1. A row without weights gets zeros.
     """
     v, k = weights.shape
-    padded = np.zeros((v, max(k, influences)), np.float32)
+    padded = np.zeros((v, max(k, INFLUENCES)), np.float32)
     padded[:, :k] = weights
-    columns = np.argsort(-padded, axis=1, kind="stable")[:, :influences]
+    columns = np.argsort(-padded, axis=1, kind="stable")[:, :INFLUENCES]
     largest = np.take_along_axis(padded, columns, axis=1)
     total = largest.sum(axis=1, keepdims=True)
     shares = np.divide(largest, total, out=np.zeros_like(largest), where=total > 0)
