@@ -45,7 +45,7 @@ def bounding_sphere(points: np.ndarray, reach: np.ndarray | float = 0.0) -> tupl
 def cover_wardrobes(groups: Sequence[Group]) -> tuple[Group, ...]:
     """Return `groups`, those of a wardrobe with the smallest sphere that holds the whole family.
 
-    A family is a group with its variants and parts. So an agent is culled with all that it wears.
+    A family is a group with its parts. So an agent is culled with all that it wears.
     """
     families: dict[str, list[Group]] = {}
     for group in groups:

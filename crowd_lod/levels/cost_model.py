@@ -286,9 +286,10 @@ def work_of(
             & is_held[k]
             & is_held[k - 1]
         )
-        shown_agents[:, k - 1] += shown_agents[:, k] * same
-        shown_agents[:, k] *= ~same
-        is_held[k] &= ~same
+        if same.any():
+            shown_agents[:, k - 1] += shown_agents[:, k] * same
+            shown_agents[:, k] *= ~same
+            is_held[k] &= ~same
     triangles = actors.triangles.T[:, actors.group].astype(np.float64)  # (K, N)
     holdings = actors.holdings
     groups = len(actors.triangles)
