@@ -12,9 +12,7 @@ from ... import sample_scenes
 from ...crowd_lod.behavior.walk import walks_of
 from ...crowd_lod.format import counted
 from ...crowd_lod.levels.cost_model import NAMES
-from ..blender import operator
 from ..blender.scene_data import engine_of
-from ..lod_meshes.made_for import changed, edited, forecast
 from ..overlay import viewport_overlay
 from ..runs.update_all import due_steps
 from ..settings import needs
@@ -69,7 +67,7 @@ def _update_row(layout, scene: bpy.types.Scene) -> None:
     """Draw the button that does all steps which are due; gray where none is."""
     row = layout.row()
     text = "Update All"
-    if not (operator.at_work or needs.crowd(scene) or needs.camera(scene)):
+    if not (needs.crowd(scene) or needs.camera(scene)):
         due = due_steps(scene)
         words = {"Make LOD Meshes": "Make", "Plan Shot": "Plan"}
         names = ", ".join(words.get(step, step) for step in due)
@@ -265,18 +263,15 @@ class CROWDLOD_PT_levels(Step, bpy.types.Panel):
 
     def draw_made(self, context, layout, settings) -> None:
         """Draw two lines: what has changed since LODs were made, and about what others would be."""
-        change = forecast(context.scene)
         line = letters_of(context)
-        since = [
-            f"{name} (was {then})" for name, (then, _) in changed(context.scene).items()
-        ] + edited(context.scene)
+        since, other_lods = steps.news_of_lods(context.scene)
         sentence = "Press Make LOD Meshes" if settings.levels is None else "LOD meshes are made"
         if since:
             sentence = f"Changed: {', '.join(since)}"
         label(
             layout, shorten(sentence, line, placeholder="..."), "FILE_REFRESH" if since else "INFO"
         )
-        label(layout, shorten(change.short if change else "", line, placeholder="..."), "BLANK1")
+        label(layout, shorten(other_lods, line, placeholder="..."), "BLANK1")
         without = (
             f"no LOD pays in {NAMES[engine_of(context.scene)]}"
             if settings.choice == "BY_TOLERANCE"
