@@ -28,6 +28,7 @@ class TrialCrowd:
     visible: how many of these agents show.
     agents: how many there are.
     nearest: meters from the camera to the first agent.
+    split: whether the corners of faces have normals of their own, as LODs have.
     """
 
     finer: int
@@ -35,6 +36,7 @@ class TrialCrowd:
     visible: int
     agents: int
     nearest: float = 4.0
+    split: bool = False
 
 
 def make_stage(scene: bpy.types.Scene, width: int) -> bpy.types.Scene:
@@ -78,9 +80,11 @@ def show_crowd(stage: bpy.types.Scene, crowd: TrialCrowd) -> Work:
     layer = stage.view_layers[0]
     layer.update()
     (camera,) = read_cameras(stage, layer.depsgraph)
+    unique = float(min(crowd.visible, crowd.agents) * triangles)
     return Work(
         posed=float(crowd.characters * triangles),
-        unique=float(min(crowd.visible, crowd.agents) * triangles),
+        unique=unique,
+        split=unique * crowd.split,
         instances=float(crowd.agents),
         instanced=float(crowd.agents * triangles),
         rigs=float(crowd.characters),
@@ -96,6 +100,9 @@ def _make_cast(shelf: bpy.types.Collection, crowd: TrialCrowd) -> bpy.types.Obje
     (home,) = make_characters(shelf, builds=BUILDS[:1], finer=crowd.finer)
     home.name = "0000"
     rig, body = home.objects
+    if crowd.split:
+        normals = [vertex.normal for vertex in body.data.vertices]
+        body.data.normals_split_custom_set_from_vertices(normals)
     for number in range(1, crowd.characters):
         home = bpy.data.collections.new(f"{number:04d}")
         shelf.children.link(home)
