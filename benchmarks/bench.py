@@ -88,6 +88,33 @@ def _text(value: str | int | float | None) -> str:
     return "" if value is None else value if isinstance(value, str) else f"{value:,}"
 
 
+# what is measured in place of the chapter's tests: the option, its help, and what else it takes
+INSTEAD = (
+    ("--worth", "what renders take with and without Crowd LOD: an hour", {}),
+    ("--shots", "shot plans beside thresholds and hysteresis: ten minutes", {}),
+    (
+        "--costs",
+        "fit what things cost engines (crowd_lod/levels/cost_model.py): about an hour",
+        {},
+    ),
+    (
+        "--memory",
+        "memory and files beside what is predicted, of crowds of the samples' people and of each "
+        "character FILE (glTF, FBX): half an hour",
+        {"nargs": "*", "metavar": "FILE"},
+    ),
+    ("--choices", "builds with several choices of LODs, rendered: an hour", {}),
+    ("--occlusion", "who is hidden by scenery, judged by pictures and rays: half an hour", {}),
+    ("--wardrobes", "what slots of parts cost: three minutes", {}),
+    (
+        "--held-out",
+        "judge what this engine's costs say of time with LODs, by crowds that none was fitted to: "
+        "ten minutes",
+        {"choices": ("cycles", "eevee")},
+    ),
+)
+
+
 def make_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="crowd-lod bench", description="Measure the core: the chapter's tests and growth."
@@ -97,6 +124,8 @@ def make_parser() -> argparse.ArgumentParser:
         action="store_true",
         help="fewer sizes and repeats, no growth: under a minute (--worth: a quarter of an hour)",
     )
+    for option, about, takes in INSTEAD:
+        parser.add_argument(option, help=f"instead, {about}", **takes or {"action": "store_true"})
     parser.add_argument(
         "--jobs",
         type=int,
@@ -105,55 +134,11 @@ def make_parser() -> argparse.ArgumentParser:
         help="with --worth: so many renders at a time (default: 1)",
     )
     parser.add_argument(
-        "--worth",
-        action="store_true",
-        help="instead, what renders take with and without Crowd LOD: an hour",
-    )
-    parser.add_argument(
         "--characters",
         type=Path,
         metavar="FOLDER",
         help="with --worth: planned bakes alone, of the sample scenes' people and of the "
         "characters (glTF, FBX) in FOLDER, beside full detail in as few phase classes: ten minutes",
-    )
-    parser.add_argument(
-        "--shots",
-        action="store_true",
-        help="instead, shot plans beside thresholds and hysteresis: ten minutes",
-    )
-    parser.add_argument(
-        "--costs",
-        action="store_true",
-        help="instead, fit what things cost engines (crowd_lod/levels/cost_model.py): about an "
-        "hour",
-    )
-    parser.add_argument(
-        "--memory",
-        nargs="*",
-        metavar="FILE",
-        help="instead, memory and files beside what is predicted, of crowds of the samples' people "
-        "and of each character FILE (glTF, FBX): half an hour",
-    )
-    parser.add_argument(
-        "--choices",
-        action="store_true",
-        help="instead, builds with several choices of LODs, rendered: an hour",
-    )
-    parser.add_argument(
-        "--occlusion",
-        action="store_true",
-        help="instead, who is hidden by scenery, judged by pictures and rays: half an hour",
-    )
-    parser.add_argument(
-        "--wardrobes",
-        action="store_true",
-        help="instead, what slots of parts cost: three minutes",
-    )
-    parser.add_argument(
-        "--held-out",
-        choices=("cycles", "eevee"),
-        help="instead, judge what this engine's costs say of time with LODs, by crowds that none "
-        "was fitted to: ten minutes",
     )
     parser.add_argument(
         "--out",

@@ -15,9 +15,6 @@ Each build is rendered, and the scene without it, in a process of its own, in tu
 processor seconds and the memory that a build adds, as rendered and as predicted.
 """
 
-import json
-import resource
-import sys
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
@@ -30,12 +27,13 @@ from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.levels.cost_model import Price, default_costs
 from crowd_lod_extension.crowd_lod.levels.selection import GroupShot, cheapest, priced
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.blender import console, scene_data
+from crowd_lod_extension.operators.blender import scene_data
 from crowd_lod_extension.operators.characters.stored_groups import groups_of, store_groups
 from crowd_lod_extension.operators.lod_meshes import selection
 from crowd_lod_extension.operators.render_setup import render_setup
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
-from worth import LIMIT, job, show
+from jobs import answer, job, peak_mb
+from worth import LIMIT, show
 
 FRAMES = {"plaza": 60, "station": 120}  # of each scene the frame that is rendered
 SAMPLES = {"EEVEE": 1, "CYCLES": 4}
@@ -220,15 +218,11 @@ def render(file: str, frame: int) -> dict:
     scene.render.filepath = file.replace(".blend", " ")
     begun = time.process_time()
     bpy.ops.render.render(animation=True)
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return {
         "cpu_s": round(time.process_time() - begun, 2),
-        "peak_mb": round(peak / (1e6 if sys.platform == "darwin" else 1e3)),
+        "peak_mb": round(peak_mb()),
     }
 
 
 if __name__ == "__main__":
-    asked = json.loads(sys.argv[1])
-    with console.quiet():
-        result = {"make": make, "render": render}[asked.pop("job")](**asked)
-    print(json.dumps(result), flush=True)
+    answer(make, render)

@@ -31,8 +31,9 @@ from crowd_lod_extension.crowd_lod.levels.cost_model import (
 )
 from crowd_lod_extension.operators.blender import scene_data
 from crowd_lod_extension.operators.blender.machine_costs import calibration_of
+from jobs import job
 from ways import EVERYONE
-from worth import LIMIT, PICTURE, job, show
+from worth import LIMIT, PICTURE, show
 
 # Of each engine the characters, how often their faces are divided, pixels of a side of their
 # images, and whether crowds of them have LODs, too

@@ -9,9 +9,6 @@ largest memory of the process, and to the compressed file. At the end the coeffi
 FILE (crowd_lod/levels/cost_model.py) are fitted to all builds.
 """
 
-import json
-import resource
-import sys
 import tempfile
 from pathlib import Path
 
@@ -23,10 +20,10 @@ import numpy as np
 from crowd_lod_extension.crowd_lod.levels.cost_fit import fit_costs
 from crowd_lod_extension.crowd_lod.levels.cost_model import FILE, MEMORY
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.blender import console
 from crowd_lod_extension.operators.blender.ownership import remove_owned
 from crowd_lod_extension.operators.render_setup import bake, cost_estimate, render_setup
 from crowd_lod_extension.sample_scenes.scenery import add, aim, camera, material, tile
+from jobs import answer, job, peak_mb
 
 FRAMES = range(10, 13)  # that a bake holds; the middle one is rendered
 WAYS = "live", "baked"
@@ -43,7 +40,7 @@ LIMIT = 1800.0  # seconds, to make a crowd's files or to render one
 
 
 def main(characters: list[str]) -> None:
-    from worth import job, show
+    from worth import show
 
     works = []
     measured = []
@@ -82,7 +79,7 @@ def _row(way: str, made: dict, peaks: dict) -> dict:
     memory = made[way]["memory_mb"]
     measured = peaks[way]["peak_mb"] - peaks["empty"]["peak_mb"]
     file = made[way]["file_mb"]
-    written = made[f"{way} file"] - made["empty file"]
+    written = made[f"{way} file"]
     return {
         "way": way,
         "memory predicted": round(memory),
@@ -125,7 +122,7 @@ def make(folder: str, crowd: dict) -> dict:
     remove_owned(settings.levels)
     bpy.data.batch_remove([*settings.characters.all_objects, *bpy.data.actions])
     bpy.data.orphans_purge(do_recursive=True)
-    row["empty file"] = _save(folder, "empty")
+    _save(folder, "empty")
     return row
 
 
@@ -178,12 +175,8 @@ def render(file: str) -> dict:
     scene.frame_set(FRAMES[1])
     scene.render.filepath = file.replace(".blend", ".png")
     bpy.ops.render.render(write_still=True)
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return {"peak_mb": peak / (1e6 if sys.platform == "darwin" else 1e3)}
+    return {"peak_mb": peak_mb()}
 
 
 if __name__ == "__main__":
-    asked = json.loads(sys.argv[1])
-    with console.quiet():
-        result = {"make": make, "render": render}[asked.pop("job")](**asked)
-    print(json.dumps(result), flush=True)
+    answer(make, render)

@@ -10,9 +10,6 @@ too; agents without one in sight are those that could be hidden. Then 100,000 ag
 rays, and the processor's milliseconds. Last, what baked renders take with and without it.
 """
 
-import json
-import resource
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -25,13 +22,14 @@ from crowd_lod_extension.crowd_lod.frame.frame import Frame
 from crowd_lod_extension.crowd_lod.frame.hidden import hidden_wholly, hide
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.reporting import files, tables
-from crowd_lod_extension.operators.blender import console, scene_data
+from crowd_lod_extension.operators.blender import scene_data
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.render_setup import bake, render_setup
 from crowd_lod_extension.operators.render_setup.aovs import materials_of
 from crowd_lod_extension.operators.render_setup.hidden_characters import hide_characters
 from crowd_lod_extension.operators.scene.lights import read_surroundings
 from crowd_lod_extension.operators.scene.scene_crowd import frame_of
+from jobs import answer, job, peak_mb
 from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 
@@ -264,7 +262,6 @@ def compare_renders(folder: Path, engine: str, agents: int) -> list[dict]:
 
     Each has its parts of what everyone takes, whole and less what nobody takes.
     """
-    from worth import job
 
     rows = []
     for way in ("nobody", "everyone", "occlusion"):
@@ -324,15 +321,11 @@ def render(file: str, picture: str) -> dict:
     cpu = time.process_time()
     bpy.ops.render.render(write_still=True)
     cpu = time.process_time() - cpu
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return {
         "cpu_s": round(cpu, 2),
-        "peak_mb": round(peak / (1e6 if sys.platform == "darwin" else 1e3)),
+        "peak_mb": round(peak_mb()),
     }
 
 
 if __name__ == "__main__":
-    asked = json.loads(sys.argv[1])
-    with console.quiet():
-        result = {"make": make, "render": render}[asked.pop("job")](**asked)
-    print(json.dumps(result), flush=True)
+    answer(make, render)

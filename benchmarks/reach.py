@@ -32,8 +32,9 @@ from crowd_lod_extension.operators.blender.ownership import remove_owned
 from crowd_lod_extension.operators.render_setup import bake, render_setup
 from crowd_lod_extension.operators.render_setup.hidden_characters import hide_characters
 from crowd_lod_extension.operators.runs.error_report import machine_name
+from jobs import job
 from ways import FRAMES, NOBODY
-from worth import LIMIT, PICTURE, job, show
+from worth import LIMIT, PICTURE, show
 
 EVERYONE = "everyone, 16 classes"
 FAIR = "everyone, few classes"

@@ -9,7 +9,6 @@ before and after, and weighed by the same bound for all. Then the growth with ag
 Last, what a baked shot takes with its plan and without: file, memory and time of a frame in Cycles.
 """
 
-import resource
 import subprocess
 import sys
 import tempfile
@@ -43,7 +42,8 @@ from crowd_lod_extension.crowd_lod.shot.shot import decide
 from crowd_lod_extension.crowd_lod.shot.shot_cost import Bill, Shot, meshes_of
 from crowd_lod_extension.crowd_lod.shot.survey import SEEN, Survey
 from crowd_lod_extension.sample_scenes import plaza, plaza_map
-from worth import LIMIT, PICTURE, job
+from jobs import job, peak_mb
+from worth import LIMIT, PICTURE
 
 PIXELS = 1920, 1080
 FRAMES = 120
@@ -297,7 +297,7 @@ def growth(sizes: Sequence[tuple[str, int, int]], engines: Sequence[str]) -> lis
                     "ns_per_agent_frame": round(1e9 * (run_through + deciding) / agents / frames),
                     "seen": round(float(survey.count(SEEN).mean() / agents), 3),
                     "cells": round(survey.cells.count / agents / frames, 3),
-                    "peak_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
+                    "peak_mb": round(peak_mb()),
                     "switches": int(plan_bill.switches.sum()),
                 }
             )

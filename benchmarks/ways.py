@@ -17,9 +17,6 @@ By ratio and 1 px are rendered with Crowd LOD; the others are files that need no
 points of FRAMES.
 """
 
-import json
-import resource
-import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -31,7 +28,7 @@ import numpy as np
 import peers
 from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.blender import console, mesh_data, scene_data
+from crowd_lod_extension.operators.blender import mesh_data, scene_data
 from crowd_lod_extension.operators.blender.ownership import remove_owned
 from crowd_lod_extension.operators.characters.group_measuring import measure_groups
 from crowd_lod_extension.operators.characters.stored_groups import store_groups
@@ -45,6 +42,7 @@ from crowd_lod_extension.operators.render_setup import (
 from crowd_lod_extension.operators.render_setup.hidden_characters import hide_characters
 from crowd_lod_extension.operators.render_setup.shelves import LIBRARY, RIGS
 from crowd_lod_extension.operators.scene.scene_crowd import frame_of, trajectory_of
+from jobs import answer, peak_mb
 
 NOBODY = "nobody"
 EVERYONE = "everyone"
@@ -388,17 +386,13 @@ def render(file: str, picture: str, engine: str, frame: int, width: int, samples
     )
     if live:
         crowd_lod_extension.unregister()
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return {
         "cpu_s": round(cpu_seconds, 2),
         "render_s": round(ended - begun, 2),
         "export_s": round(first - begun, 2),
-        "peak_mb": round(peak / (1e6 if sys.platform == "darwin" else 1e3)),
+        "peak_mb": round(peak_mb()),
     }
 
 
 if __name__ == "__main__":
-    job = json.loads(sys.argv[1])
-    with console.quiet():
-        row = {"prepare": prepare, "counts": counts, "render": render}[job.pop("job")](**job)
-    print(json.dumps(row), flush=True)
+    answer(prepare, counts, render)

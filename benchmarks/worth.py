@@ -10,9 +10,6 @@ without a crowd, as parts of what everyone takes. Then: what was predicted, and 
 met.
 """
 
-import json
-import subprocess
-import sys
 import tempfile
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -26,6 +23,7 @@ from crowd_lod_extension.crowd_lod.reporting import files as outputs
 from crowd_lod_extension.crowd_lod.reporting import tables
 from crowd_lod_extension.crowd_lod.reporting.error_plots import COLORS
 from crowd_lod_extension.operators.runs.error_report import machine_name
+from jobs import job
 from ways import BAKED, EVERYONE, FRAMES, NOBODY, shown_by
 
 MARKERS = "osD^v<>"  # of matplotlib
@@ -78,22 +76,6 @@ GOALS = (
         lambda row: (row["engine"], row["agents"]) == ("EEVEE", 10_000),
     ),
 )
-
-
-def job(limit: float, script: str = "ways.py", **inputs) -> dict:
-    """What a process of `script` prints as JSON, or {"ended": why}."""
-    command = [sys.executable, str(Path(__file__).with_name(script)), json.dumps(inputs)]
-    try:
-        process = subprocess.run(command, capture_output=True, text=True, timeout=limit)
-    except subprocess.TimeoutExpired:
-        return {"ended": f"not done in {limit:g} s"}
-    lines = process.stdout.strip().splitlines()
-    if not lines or not lines[-1].startswith("{"):
-        last = process.stderr.strip().rpartition("\n")[2]
-        return {
-            "ended": f"exit status {process.returncode}: {last or 'no message; out of memory?'}"
-        }
-    return json.loads(lines[-1])
 
 
 def name_of(crowd: dict) -> str:

@@ -12,7 +12,7 @@ from .blender import (
     scenery,
     unfinished,
 )
-from .characters import characters_from_selection, give_lod, prop_button, take_action
+from .characters import characters_from_selection, give_lod, take_action, wardrobe_buttons
 from .cli import commands
 from .hand_over import farm_job, sizes
 from .lod_meshes import deviation, make_lods
@@ -65,7 +65,7 @@ MODULES = (
     record_points,
     characters_from_selection,
     give_lod,
-    prop_button,
+    wardrobe_buttons,
     take_action,
     make_lods,
     deviation,

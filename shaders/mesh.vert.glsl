@@ -22,11 +22,12 @@ void main()
   gl_Position = view.matrix * vec4(a.feet + oriented(a, here.at), 1.0);
   vec3 n = normalize(oriented(a, here.facing));
   float light = mix(0.3, 0.55, 0.5 + 0.5 * n.z) + 0.55 * max(dot(n, view.key.xyz), 0.0);
+  vec3 of_agent = texelFetch(palette, ivec2(a.color, 0), 0).rgb;
 #ifdef MATERIALS
-  lit = base_color * light;
+  lit = (layer == BY_AGENT ? of_agent : base_color) * light;
   image_at = vec3(uv, layer);
 #else
-  lit = texelFetch(palette, ivec2(a.color, 0), 0).rgb * light;
+  lit = of_agent * light;
 #endif
 #ifdef FADING
   share = a.share;

@@ -24,7 +24,8 @@ class SkinnedMesh:
     weights: (v, INFLUENCES) float32, strongest first; each row sums to 1.
     uvs: (v, 2) float32.
     colors: (v, 3) float32, linear base color.
-    layers: (v,) float32, the image that replaces the color, -1 for none.
+    layers: (v,) float32, the image that replaces the color, -1 for none, and -2 for the agent's
+        color in its place.
     triangles: (t, 3) uint32.
     closed: whether back faces are never seen from outside.
     """
@@ -72,17 +73,17 @@ def closed(points: np.ndarray, triangles: np.ndarray) -> bool:
     return bool((volume >= 0).all())
 
 
-def strongest(weights: np.ndarray, influences: int = INFLUENCES) -> tuple[np.ndarray, np.ndarray]:
+def strongest(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the strongest weights of each vertex, and their columns.
 
     weights: (v, k), none below 0.
-    Returns (columns (v, influences) uint16, weights (v, influences) float32). Weights are in
+    Returns (columns (v, INFLUENCES) uint16, weights (v, INFLUENCES) float32). Weights are in
     decreasing order and sum to 1. A row without weights gets zeros.
     """
     v, k = weights.shape
-    padded = np.zeros((v, max(k, influences)), np.float32)
+    padded = np.zeros((v, max(k, INFLUENCES)), np.float32)
     padded[:, :k] = weights
-    columns = np.argsort(-padded, axis=1, kind="stable")[:, :influences]
+    columns = np.argsort(-padded, axis=1, kind="stable")[:, :INFLUENCES]
     largest = np.take_along_axis(padded, columns, axis=1)
     total = largest.sum(axis=1, keepdims=True)
     shares = np.divide(largest, total, out=np.zeros_like(largest), where=total > 0)

@@ -25,9 +25,10 @@ from .tabulated_step import BLOCK, Tables, merge_columns, step_within_cells
 # The most steps that are known ahead.
 MOST = 4095
 # Counts of steps whose turns are computed together: the first count in which no more than the part
-# FEW of the crowd turns.
+# FEW of the crowd turns, or no more than CHEAP agents, who cost less than the calls.
 TOGETHER = (16, 4)
 FEW = 1 / 16
+CHEAP = 1000
 # Where more than this part of a crowd turns in a step, it is stepped faster as a whole.
 MANY = 0.25
 # Borders along x that agents who walk aslant are followed across, at most.
@@ -214,7 +215,7 @@ def plan_turns(
     choice = _choose_count(ahead.steps)
     if choice is None:
         return None
-    count, part = choice
+    count, most = choice
     until = ahead.steps.copy()
     agents = np.flatnonzero(until < count)
     before = crowd.of(agents)
@@ -222,7 +223,7 @@ def plan_turns(
     now = np.zeros(len(agents), int)
     end = until[agents].astype(int)
     rounds: list[_Round] = []
-    budget = 2 * part * len(crowd)
+    budget = 2 * most
     while len(agents) and len(rounds) < ROUNDS and budget >= 0:
         before = _walk_known(before, case, end - now, tables)
         moved, plain_agents = step_within_cells(before, machine, world, tables, NOTHING)
@@ -251,16 +252,18 @@ def plan_turns(
 
 
 def _choose_count(steps: np.ndarray) -> tuple[int, float] | None:
-    """Return (count, part): for how many steps turns are computed together.
-
-    part: of the crowd, the most that may turn in them.
+    """Return (count, most): for how many steps turns are computed together, and of how many agents.
 
     None if more than MANY turn in the next step.
     """
-    for count, part in *((count, FEW) for count in TOGETHER), (1, MANY):
-        if np.count_nonzero(steps < count) <= part * len(steps):
-            return count, part
-    return None
+    many = MANY * len(steps)
+    if np.count_nonzero(steps < 1) > many:
+        return None
+    most = max(FEW * len(steps), CHEAP)
+    for count in TOGETHER:
+        if np.count_nonzero(steps < count) <= most:
+            return count, most
+    return 1, many
 
 
 def _find_turns(

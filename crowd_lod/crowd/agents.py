@@ -15,17 +15,38 @@ from . import morton_order, random_streams
 from .maps import LabelMap
 from .paces import mixed_in
 from .state_machine import StateMachine
-from .variants import Draw
 
 MOST_AGENTS = 10_000_000
 MOST_GROUPS = 255
 # Agents of a crowd that lies in memory as it stands: a smaller one fits in the processor's cache in
 # any order.
 IN_PLACE = 40_000
-Shares = int | Sequence[float] | Draw  # how agents are drawn from groups, see populate
 UNSET: Any = None  # a column that Crowd is to fill itself
 CLASSES = 16  # phases of their action that agents share, see animation/phase_classes.py
 FEWEST_CLASSES = 3  # of these, in a plan's smallest palette
+
+
+@dataclass(frozen=True)
+class Draw:
+    """How agents are drawn from character groups.
+
+    weights: of the groups, in proportion; or their number, if all are as likely.
+    indices: the groups', increasing.
+    """
+
+    weights: int | tuple[float, ...]
+    indices: tuple[int, ...]
+
+    def __len__(self) -> int:
+        return len(self.indices)
+
+    @property
+    def groups(self) -> np.ndarray:
+        """The groups' indices, (g,) uint8."""
+        return np.array(self.indices, np.uint8)
+
+
+Shares = int | Sequence[float] | Draw  # how agents are drawn from groups, see populate
 
 
 @dataclass(frozen=True)
@@ -67,10 +88,9 @@ class Group:
         over all actions.
     way: meters that its own action travels in a cycle, as Action.way.
     height: meters, of the character as it stands in most of its own action; 0 if not measured.
-    variant_of: the group that this is with props, "" if it has none (see variants.py).
-    chance: that an agent of the group is this variant of it; of a part, that it is drawn in its
-        slot.
-    slot: of the wardrobe of `variant_of`, in which this is a part that agents wear; "" for none.
+    variant_of: of a part that agents wear, the group whose agents do; "" for a group of agents.
+    chance: of a part, that it is drawn in its slot.
+    slot: of the wardrobe of `variant_of`, in which this is a part; "" for a group of agents.
     excludes: the slots that an agent who wears this part goes without.
 
     These are measured over the action, if the LOD meshes were measured:
@@ -110,6 +130,11 @@ class Group:
     excludes: tuple[str, ...] = ()
     way: float = field(default=0.0, compare=False, repr=False)
     height: float = field(default=0.0, compare=False, repr=False)
+
+    @property
+    def family(self) -> str:
+        """The name of the group whose agents wear this, or of the group itself."""
+        return self.variant_of or self.name
 
     @property
     def reach(self) -> float:
@@ -278,7 +303,7 @@ def populate(
 
     Position: uniform on the labels where `machine` lets agents start.
     State: by the start weights of `machine`.
-    Group: uniform, of as many as `groups` says, or by the weights in it; then its variant.
+    Group: uniform, of as many as `groups` says, or by the weights in it.
     Phase: uniform, of `classes`.
     Heading: that of the first move; uniform for agents that stand.
 
@@ -302,11 +327,10 @@ def populate(
     return place_agents(points, None, random, (seed, groups, classes), machine, world)
 
 
-def _groups(groups: Shares, count: int, random: np.random.Generator, seed: int) -> np.ndarray:
+def _groups(groups: Shares, count: int, random: np.random.Generator) -> np.ndarray:
     """Return a group for each of `count` agents, (n,) uint8, increasing; see populate."""
     if isinstance(groups, Draw):
-        group = groups.groups[_groups(groups.weights, count, random, seed)]
-        return np.sort(groups.draw_variants(group, random_streams.keys(seed, count)))
+        return groups.groups[_groups(groups.weights, count, random)]
     if isinstance(groups, int):
         return np.sort(random.integers(groups, size=count, dtype=np.uint8))
     until = np.cumsum(groups)
@@ -349,7 +373,7 @@ def place_agents(
     count = len(x)
     until = np.cumsum(machine.start)[:-1]
     state = np.searchsorted(until, random.random(count), side="right").astype(np.uint8)
-    group = _groups(groups, count, random, seed)
+    group = _groups(groups, count, random)
     phase = (random.random(count, dtype=np.float32) * np.float32(classes)).astype(np.uint8)
     label = world.at(x, y)
     pace = machine.paces.of[state, label]

@@ -341,7 +341,6 @@ def settle(
     groups: Shares,
     machine: StateMachine,
     world: LabelMap,
-    classes: int = CLASSES,
 ) -> Crowd:
     """Return the crowd's first frame: an agent at each of the places, mixed.
 
@@ -357,4 +356,4 @@ def settle(
     random = np.random.Generator(np.random.PCG64(seed))
     places = places.of(random.permutation(len(places)))
     points = tuple(places.points.T.copy())
-    return place_agents(points, places.heading, random, (seed, groups, classes), machine, world)
+    return place_agents(points, places.heading, random, (seed, groups, CLASSES), machine, world)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..format import counted
 from . import random_streams
 from .agents import Group
 
@@ -16,17 +17,18 @@ class Slot:
     name: the same for the same slot of other groups.
     parts: indices of the groups that are its parts.
     chances: of each part; what is left to 1 is the chance of none.
-    wearers: indices of the groups whose agents have the slot: the group itself and its variants.
+    wearer: index of the group whose agents have the slot.
     """
 
     name: str
     parts: tuple[int, ...]
     chances: tuple[float, ...]
-    wearers: tuple[int, ...]
+    wearer: int
 
 
 def slots_of(groups: Sequence[Group]) -> list[Slot]:
     """Return the slots of all wardrobes among `groups`, by name."""
+    names = [group.name for group in groups]
     parts: dict[tuple[str, str], list[int]] = {}
     for g, group in enumerate(groups):
         if group.slot:
@@ -36,14 +38,16 @@ def slots_of(groups: Sequence[Group]) -> list[Slot]:
             name,
             tuple(members),
             tuple(groups[g].chance for g in members),
-            tuple(
-                g
-                for g, group in enumerate(groups)
-                if not group.slot and owner in (group.name, group.variant_of)
-            ),
+            names.index(owner),
         )
         for (name, owner), members in sorted(parts.items())
     ]
+
+
+def count_people(rows: int, worn: int) -> str:
+    """Return in words how many agents there are in `rows`, `worn` of which are what they wear."""
+    people = counted(rows - worn, "agent")
+    return f"{people} ({counted(worn, 'part')} worn)" if worn else people
 
 
 def draw_parts(
@@ -80,7 +84,7 @@ def draw_parts(
 def _drawn(slot: Slot, group: np.ndarray, key: np.ndarray) -> np.ndarray:
     """Return the part of the slot that is drawn for each agent, (n,) int16; -1 for none."""
     parts = np.full(len(group), -1, np.int16)
-    agents = np.flatnonzero(np.isin(group, slot.wearers))
+    agents = np.flatnonzero(group == slot.wearer)
     draw = random_streams.uniform(key[agents], random_streams.named(slot.name))
     choice = np.searchsorted(np.cumsum(slot.chances), draw, side="right")
     parts[agents] = np.append(slot.parts, -1)[choice]

@@ -64,7 +64,10 @@ def radar(
     count = len(crowd) if agents is None else len(agents)
     visible = np.full(count, not options.cull)
     distance = np.full(count, np.inf)
-    views = [(camera, None if camera.kind == "PANO" else frustum_of(camera)) for camera in cameras]
+    views = [
+        (camera, frustum_of(camera) if options.cull and camera.kind != "PANO" else None)
+        for camera in cameras
+    ]
     with np.errstate(invalid="ignore", over="ignore", under="ignore"):
         for begin in range(0, count, BLOCK):
             block = slice(begin, begin + BLOCK)
@@ -87,14 +90,14 @@ def _look(
 ) -> None:
     """Add to `results`, (visible, distance) of a block of agents, what one camera sees.
 
-    frustum: the camera's planes; None for a panoramic one.
+    frustum: the camera's planes; None for a panoramic one, and where nobody is culled.
     places: x, y, z of the spheres' centers, each (b,).
     r: radius.
     """
     visible, distance = results
     v = tuple(place - origin for place, origin in zip(places, camera.origin, strict=True))
     depth = dot(v, camera.Z)
-    ranged = options.radial or frustum is None
+    ranged = options.radial or camera.kind == "PANO"
     away = (
         np.sqrt(dot(v, v)) if ranged or camera.turn else depth
     )  # |v|, where something follows from it

@@ -50,13 +50,9 @@ ul { color: var(--dim) } footer { margin-top: 3rem; color: var(--dim); font-size
 """
 
 
-def page(plan: dict, above: str = "contact_sheet.png") -> str:
-    """Return the web page of a preview's plan; all text is escaped.
-
-    plan: the content of plan.json.
-    above: the file of the contact sheet.
-    """
-    return document(f"{name_of(plan)}: levels of detail", STYLE, parts_of(plan, above))
+def page(plan: dict) -> str:
+    """Return the web page of a preview's plan, the content of plan.json; all text is escaped."""
+    return document(f"{name_of(plan)}: levels of detail", STYLE, parts_of(plan))
 
 
 def name_of(plan: dict) -> str:
@@ -64,7 +60,7 @@ def name_of(plan: dict) -> str:
     return escape(PurePath(plan["scene"]["file"] or plan["scene"]["name"]).stem)
 
 
-def parts_of(plan: dict, above: str = "contact_sheet.png") -> list[str]:
+def parts_of(plan: dict) -> list[str]:
     """Return the parts of the page of a preview's plan, as HTML."""
     rows = plan["frames"]
     levels = plan["levels"]
@@ -75,7 +71,7 @@ def parts_of(plan: dict, above: str = "contact_sheet.png") -> list[str]:
         f"{escape(_rule(levels))}</p>",
         cards(_figures(rows, len(tints))),
         f"<p>{escape(plan['trouble_says'])}</p>" if plan["trouble_says"] else "",
-        f'<section><a href="{quote(above)}"><img src="{quote(above)}" alt="All frames, tinted by '
+        f'<section><a href="contact_sheet.png"><img src="contact_sheet.png" alt="All frames, tinted by '
         f'LOD and from above"></a><p>{_legend(tints)}</p></section>',
         "<h2>Levels of detail</h2>",
         f"<p>Deviation is the largest distance between the surfaces of LOD and character, both "

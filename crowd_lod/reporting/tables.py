@@ -16,6 +16,7 @@ from ..frame.hidden import hidden_wholly
 from ..shot.switches import NOTHING
 
 PLAN_VERSION = 2  # of plan.json
+MOST_SWITCHES = 100  # that are looked at one after another
 SHEET = (24, 24, 24, 255)  # sRGB, between the pictures of a contact sheet
 
 
@@ -70,8 +71,8 @@ def to_csv(rows: list[dict]) -> str:
     return text.getvalue()
 
 
-def largest_switches(path: Path, most: int = 100) -> list[dict[str, str]]:
-    """Return the rows of a switches.csv with the largest changes.
+def largest_switches(path: Path) -> list[dict[str, str]]:
+    """Return the MOST_SWITCHES rows of a switches.csv with the largest changes.
 
     First come the two that the verdict names: the largest switch, and of the frame in which most
     agents appear or vanish the largest of these. The others follow by their change.
@@ -89,7 +90,7 @@ def largest_switches(path: Path, most: int = 100) -> list[dict[str, str]]:
             events = [event for event, count in counts.items() if count == most_agents]
             event = min(events, key=lambda event: (int(event[0]), event[1]))
             first.append(next(row for row in clipped if _event_of(row) == event))
-        return [*first, *(row for row in rows if row not in first)][:most]
+        return [*first, *(row for row in rows if row not in first)][:MOST_SWITCHES]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise CrowdError(
             f"The switches {printable(path)} of the shot plan cannot be read ({error}): press "

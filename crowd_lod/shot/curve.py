@@ -110,18 +110,16 @@ def of_full_detail(shot: Shot, plan_bill: Bill) -> tuple[float, float, float]:
     )
 
 
-def hysteresis(
-    survey: Survey, bounds: np.ndarray, tolerance: float, width: float = WIDTH
-) -> np.ndarray:
+def hysteresis(survey: Survey, bounds: np.ndarray, tolerance: float) -> np.ndarray:
     """Return the LODs (N,) uint8 that causal hysteresis gives.
 
     An agent keeps its LOD until its distance has passed the one where a LOD begins by the part
-    `width`. One that comes into sight has the LOD of its distance.
+    WIDTH. One that comes into sight has the LOD of its distance.
     bounds: (G, K) meters, of each group's LODs.
     """
     levels, finest, coarsest = (
         at_tolerance(survey, bounds, tolerance / factor).coarsest
-        for factor in (1, 1 + width, 1 - width)
+        for factor in (1, 1 + WIDTH, 1 - WIDTH)
     )
     for block, rows, least, most in survey.cells.tables(levels, finest, coarsest):
         joined = survey.joined(block)

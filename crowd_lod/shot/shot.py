@@ -13,7 +13,7 @@ import numpy as np
 
 from ..levels.cost_model import Work, price
 from ..progress import share
-from .cells import Block
+from .cells import TOGETHER, Block
 from .shot_cost import NOTICED, UNSEEN, Bill, Shot, work_in
 
 # agents from which the weight of switches is found, or a hundredth of many; where they share meshes
@@ -34,10 +34,11 @@ def choices_of(table: np.ndarray) -> np.ndarray:
     """
     count = table.shape[1]
     numbers = np.arange(count)
-    is_coarser = numbers[:, None, None] > numbers[:, None]
-    choices = np.where(is_coarser, np.float32(np.inf), table[:, :, None])
-    shape = len(table), count, (count + 1) * table.shape[2]
-    return np.concatenate([choices, np.zeros_like(choices[:, :, :1])], axis=2).reshape(shape)
+    finer, coarser = np.nonzero(numbers[:, None] < numbers)
+    choices = np.zeros((len(table), count, count + 1, table.shape[2]), np.float32)
+    choices[:, :, :count] = table[:, :, None]
+    choices[:, coarser, finer] = np.inf
+    return choices.reshape(len(table), count, -1)
 
 
 def program(
@@ -59,18 +60,23 @@ def program(
     joined = survey.joined(block)
     apart = shot.meshes.bounds.T[:, survey.group[block.agents]].astype(np.float32)
     numbers = np.arange(count, dtype=np.uint8)[:, None]
+    run = max(TOGETHER // len(block.agents), 1)  # frames whose columns stay in the cache
 
     def steps() -> Iterator[Step]:
         for f in range(len(allowed)):
-            column = np.minimum(allowed[f], count).astype(np.intp) * len(survey.owner)
+            if f % run == 0:
+                frames = slice(f, f + run)
+                columns = np.minimum(allowed[frames], count).astype(np.intp) * len(survey.owner)
+                columns += character[frames]
+                fees = joined[frames] * np.float32(weight)
+                pixels = scale[frames].astype(np.float32) * fees
+                fees *= NOTICED
             of_frame = choices[min(block.begin + f, len(choices) - 1)]
-            cost = of_frame.take(column + character[f], axis=1)
+            cost = of_frame.take(columns[f % run], axis=1, mode="clip")
             if finest is not None:
                 finer = (numbers < finest[f]) & (allowed[f] != UNSEEN)
                 np.copyto(cost, np.float32(np.inf), where=finer)
-            pixels = np.where(joined[f], scale[f], np.float16(0)).astype(np.float32)
-            change = apart * (pixels * np.float32(weight))
-            yield cost, change, joined[f] * np.float32(weight * NOTICED)
+            yield cost, apart * pixels[f % run], fees[f % run]
 
     return cheapest_path(steps(), len(allowed))
 
@@ -83,40 +89,37 @@ Step = tuple[np.ndarray, np.ndarray, np.ndarray]
 def cheapest_path(steps: Iterable[Step], frames: int) -> tuple[np.ndarray, float]:
     """Return (the LODs (F, m) uint8 of least cost, their cost) of m that switch independently."""
     total = np.zeros(0)
-    via = np.empty(0)
+    origins = np.empty(0)
     switches = np.empty(0)
     for f, (cost, change, fee) in enumerate(steps):
         if f == 0:
             total = np.zeros_like(cost)
-            via = np.zeros((frames, cost.shape[1]), np.uint8)
-            switches = np.empty((frames, *cost.shape), bool)
+            origins = np.empty((frames, *cost.shape), bool)
+            switches = np.empty_like(origins)
         left = total + change
-        least = left[0].copy()
-        for k in range(1, len(cost)):
-            is_less = left[k] < least
-            np.minimum(least, left[k], out=least)
-            np.maximum(via[f], is_less * np.uint8(k), out=via[f])
+        least = left.min(axis=0)
+        np.equal(left, least, out=origins[f])
         change += least + fee
         np.less(change, total, out=switches[f])
         np.minimum(total, change, out=total)
         total += cost
-    return _traced(via, switches, total), float(total.min(axis=0).sum(dtype=np.float64))
+    return _traced(origins, switches, total), float(total.min(axis=0).sum(dtype=np.float64))
 
 
-def _traced(via: np.ndarray, switches: np.ndarray, cost: np.ndarray) -> np.ndarray:
+def _traced(origins: np.ndarray, switches: np.ndarray, cost: np.ndarray) -> np.ndarray:
     """Return the levels (F, m) that lead to the least cost.
 
-    via: (F, m) uint8, the LOD in the frame before from which a switch is cheapest.
+    origins: (F, K, m) bool, the LODs in the frame before from which a switch is cheapest.
     switches: (F, K, m) bool, whether each LOD is reached by a switch.
     cost: (K, m), in the end.
     """
-    levels = np.empty_like(via)
-    now = cost.argmin(axis=0).astype(np.uint8)
+    levels = np.empty((len(origins), cost.shape[1]), np.uint8)
+    now = cost.argmin(axis=0)
     agents = np.arange(len(now))
-    for f in range(len(via) - 1, -1, -1):
+    for f in range(len(origins) - 1, -1, -1):
         levels[f] = now
-        place = now.astype(np.intp) * len(now) + agents
-        np.copyto(now, via[f], where=switches[f].ravel()[place])
+        switching = np.flatnonzero(switches[f].ravel()[now * len(now) + agents])
+        now[switching] = origins[f][:, switching].argmax(axis=0)
     return levels
 
 
@@ -129,17 +132,13 @@ def by_character(shot: Shot, unique: np.ndarray, weight: float) -> np.ndarray:
     survey = shot.survey
     bounds = shot.meshes.bounds.T[:, survey.owner]
     needs = shot.needs_of_characters
-    numbers = np.arange(len(bounds))[:, None]
-
-    def steps() -> Iterator[Step]:
-        for f, users in enumerate(needs.users):
-            cost = np.where(users > 0, unique[f], 0.0) + users * shot.instance
-            cost[numbers > needs.coarsest[f]] = np.inf
-            change = (weight * needs.pixels[f] * bounds).astype(np.float32)
-            switching = weight * NOTICED * needs.staying[f]
-            yield cost.astype(np.float32), change, switching.astype(np.float32)
-
-    path, _ = cheapest_path(steps(), len(survey.times))
+    users = needs.users[:, None]
+    cost = np.where(users > 0, unique, 0.0) + users * shot.instance
+    cost[np.arange(len(bounds))[:, None] > needs.coarsest[:, None]] = np.inf
+    change = weight * needs.pixels[:, None] * bounds
+    fee = weight * NOTICED * needs.staying
+    columns = (values.astype(np.float32) for values in (cost, change, fee))
+    path, _ = cheapest_path(zip(*columns, strict=True), len(survey.times))
     levels = np.empty_like(survey.coarsest)
     for block, rows, character in survey.cells.tables(levels, survey.character):
         frame = np.arange(block.begin, block.end)[:, None]
@@ -193,9 +192,15 @@ def decide(shot: Shot, avoid: float = 0.05) -> Generator[float, None, ShotPlan]:
         avoid switches in sight. 0 still avoids those that cost nothing.
     """
     limit = _limit(shot, avoid)
-    weight = yield from share(_weight(shot, avoid, limit.thresholds.meshes_matter), 0.0, 0.4)
+    # where agents share meshes that cost much, few agents would share them less
+    few = SHARING if limit.thresholds.meshes_matter else SAMPLE
+    sample, _ = sampled(shot, max(few, len(shot.survey.group) // 100))
+    sample_limit = limit if sample is shot else _limit(sample, avoid)
+    weight, solution = yield from share(_search_weight(sample_limit), 0.0, 0.4)
     for step in range(STEPS):
-        plan_bill, shared = yield from share(solved(shot, limit.thresholds, weight), 0.4, 0.8)
+        if solution is None or step or sample is not shot:
+            solution = yield from share(solved(shot, limit.thresholds, weight), 0.4, 0.8)
+        plan_bill, shared = solution
         if limit.holds(plan_bill) or step == STEPS - 1:
             break
         weight /= 1.5  # the sample promised more than the whole keeps
@@ -205,6 +210,11 @@ def decide(shot: Shot, avoid: float = 0.05) -> Generator[float, None, ShotPlan]:
     paid = objective(plan_bill, weight)
     bound = max(paid / least - 1, 0.0) if least > 0 else 0.0
     return ShotPlan(plan_bill.levels, plan_bill, limit.thresholds, weight, bound)
+
+
+# The bill of levels, and a lower bound: that of agents that share meshes evenly, or None where it
+# was not found on the way.
+Solution = tuple[Bill, float | None]
 
 
 @dataclass(frozen=True)
@@ -249,29 +259,30 @@ def objective(found: Bill, weight: float) -> float:
     return found.price.seconds * len(found.switches) + weight * found.noticed
 
 
-def _weight(shot: Shot, avoid: float, shared: bool) -> Generator[float, None, float]:
-    """Find the largest weight of switches that costs no more than `avoid`, from a sample.
+def _search_weight(limit: Limit) -> Generator[float, None, tuple[float, Solution | None]]:
+    """Return (the largest weight of switches whose plan the limit holds, that plan).
 
-    shared: whether agents share meshes that cost much: few agents would share them less.
+    No plan is returned where none was found to hold: the weight is then the least of the search.
     """
-    sample, _ = sampled(shot, max(SHARING if shared else SAMPLE, len(shot.survey.group) // 100))
-    limit = _limit(sample, avoid)
     thresholds = limit.thresholds
-    unit = thresholds.price.seconds * len(sample.survey.times) / max(thresholds.counts.sum(), 1)
+    shot = thresholds.shot
+    unit = thresholds.price.seconds * len(shot.survey.times) / max(thresholds.counts.sum(), 1)
     low = unit * FACTOR**-STEPS
     high = unit * FACTOR**STEPS
+    best = None
     for step in range(2 * STEPS):
         middle = float(np.sqrt(low * high))
-        plan_bill, _ = yield from share(
-            solved(sample, thresholds, middle), step / (2 * STEPS), (step + 1) / (2 * STEPS)
+        solution = yield from share(
+            solved(shot, thresholds, middle), step / (2 * STEPS), (step + 1) / (2 * STEPS)
         )
-        if limit.holds(plan_bill):
+        if limit.holds(solution[0]):
             low = middle
+            best = solution
         else:
             high = middle
         if high < 1.1 * low:
             break
-    return low
+    return low, best
 
 
 def sampled(shot: Shot, most: int) -> tuple[Shot, np.ndarray]:
@@ -281,13 +292,8 @@ def sampled(shot: Shot, most: int) -> tuple[Shot, np.ndarray]:
     return shot if len(agents) == count else replace(shot, survey=shot.survey.of(agents)), agents
 
 
-def solved(
-    shot: Shot, thresholds: Bill, weight: float
-) -> Generator[float, None, tuple[Bill, float | None]]:
-    """Return (the bill of the levels of least cost that are found for one weight of switches, a
-    lower bound).
-
-    The bound is that of agents that share meshes evenly, or None where it was not found on the way.
+def solved(shot: Shot, thresholds: Bill, weight: float) -> Generator[float, None, Solution]:
+    """Return the levels of least cost that are found for one weight of switches.
 
     Where meshes cost much, two rounds: in the first an agent pays its share of a mesh, as if all
     that may show it did. In the second the meshes of the first cost next to nothing, and all others

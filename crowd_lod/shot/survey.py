@@ -108,7 +108,10 @@ class Survey:
 
     def by_block(self, measure: Callable[[Block], Any]) -> Iterator[Any]:
         """Yield what `measure` returns of each block; threads measure some beside each other."""
-        for result in at_once(measure, ((block,) for block in self.cells.blocks)):
+        blocks = self.cells.blocks
+        is_alone = len(blocks) == 1  # a thread would take a tenth of a small shot's plan
+        results = map(measure, blocks) if is_alone else at_once(measure, zip(blocks, strict=True))
+        for result in results:
             breath()
             yield result
 

@@ -10,7 +10,7 @@ from ..crowd import random_streams
 from ..crowd.agents import Crowd
 from ..crowd.leave_outs import LeftOut, needless_of_places
 from ..crowd.velocity_bounds import VelocityBounds
-from ..crowd.wardrobe import draw_parts
+from ..crowd.wardrobe import draw_parts, slots_of
 from .around import AroundTrajectory
 from .trajectory import Trajectory
 
@@ -97,19 +97,13 @@ class Dressed(AroundTrajectory):
         return self.base.digests() | {"the wardrobe": self.wearer.tobytes() + self._group.tobytes()}
 
     def _gaits(self) -> Gaits:
-        """Return the gaits in which a part plays as its group and the group's variants do."""
+        """Return the gaits in which a part plays as its wearers' group does."""
         gaits = self.base.gaits
         rates = gaits.rates.copy()
         played = np.ones(rates.shape, bool) if gaits.played is None else gaits.played.copy()
-        for g, group in enumerate(self.groups):
-            if group.slot:
-                family = [
-                    v
-                    for v, wearer in enumerate(self.groups)
-                    if not wearer.slot and group.variant_of in (wearer.name, wearer.variant_of)
-                ]
-                rates[g] = gaits.rates[family].max(axis=0)
-                played[g] = played[family].any(axis=0)
+        for slot in slots_of(self.groups):
+            rates[list(slot.parts)] = gaits.rates[slot.wearer]
+            played[list(slot.parts)] = played[slot.wearer]
         return replace(gaits, rates=rates, played=None if gaits.played is None else played)
 
     def _bare(self, crowd: Crowd) -> Crowd:

@@ -7,11 +7,10 @@ import numpy as np
 
 from ..animation.phase_classes import Gaits
 from ..crowd import random_streams
-from ..crowd.agents import CLASSES, Crowd, Group
+from ..crowd.agents import CLASSES, Crowd, Draw, Group
 from ..crowd.leave_outs import ALL, LeftOut, needless_of_places
 from ..crowd.maps import Area
 from ..crowd.paces import Paces
-from ..crowd.variants import Draw
 from ..crowd.velocity_bounds import VelocityBounds
 from ..errors import CrowdError
 from .trajectory import States, Trajectory
@@ -52,7 +51,7 @@ class Drawn:
     """What is drawn at random for agents, by their ids alone.
 
     ids: those of the snapshot.
-    draw: what groups were drawn from, all as likely, and variants.
+    draw: what groups were drawn from, all as likely.
     key, group, phase_class: columns of the Crowd.
     """
 
@@ -70,19 +69,12 @@ class Drawn:
 
 
 def draw_for(points: Snapshot, seed: int, draw: Draw) -> Drawn:
-    """Draw for the agents of `points` from the groups of `draw`, all as likely, and variants."""
+    """Draw for the agents of `points` from the groups of `draw`, all as likely."""
     key = _keys(points, seed)
     choice = (random_streams.uniform(key, random_streams.THEN) * len(draw)).astype(np.intp)
-    group = draw.draw_variants(draw.groups[choice], key)
+    group = draw.groups[choice]
     classes = _classes(random_streams.uniform(key, random_streams.STATE))
     return Drawn(points.ids, seed, draw, key, group, classes)
-
-
-def draw_group_variants(points: Snapshot, seed: int, draw: Draw) -> Snapshot:
-    """Return the points with variants of their groups, where groups are known and have some."""
-    if points.group is None or all(len(variants) == 1 for variants in draw.variants):
-        return points
-    return replace(points, group=draw.draw_variants(points.group, _keys(points, seed)))
 
 
 def _keys(points: Snapshot, seed: int) -> np.ndarray:

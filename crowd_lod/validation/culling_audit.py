@@ -26,6 +26,7 @@ LENSES = {
     # its rays may see beyond the planes, so the culling keeps more
     "sheared, Cycles": ("PERSP", (-1.0, 0.5), 0.1),
 }
+AGENTS = 1000  # of each random camera
 EXACT_DEPTHS = 50  # agents a check whose distance is compared with exact arithmetic
 
 
@@ -142,24 +143,21 @@ def random_camera(random: np.random.Generator, lens: str) -> Camera:
     return camera
 
 
-def audit(
-    lens: str, pairs: int, seed: int = 0, on_planes: float = 0.0, agents: int = 1000
-) -> Verdict:
+def audit(lens: str, pairs: int, seed: int = 0, on_planes: float = 0.0) -> Verdict:
     """Return the verdict on `pairs` random pairs of camera and agent.
 
     lens: one of LENSES.
     on_planes: the part of the agents within roundings of a plane.
-    agents: for each camera.
     """
-    return sum(_audits(lens, pairs, np.random.default_rng(seed), on_planes, agents), Verdict())
+    return sum(_audits(lens, pairs, np.random.default_rng(seed), on_planes), Verdict())
 
 
 def _audits(
-    lens: str, pairs: int, random: np.random.Generator, on_planes: float, agents: int
+    lens: str, pairs: int, random: np.random.Generator, on_planes: float
 ) -> Iterator[Verdict]:
     while pairs > 0:
         camera = random_camera(random, lens)
-        count = min(pairs, agents)
+        count = min(pairs, AGENTS)
         radius = 10.0 ** random.uniform(-3, 1.5, 8)
         group = random.integers(len(radius), size=count, dtype=np.uint8)
         yield judge_culling(

@@ -8,25 +8,35 @@ from .color_space import to_srgb
 
 GRAY = (0.8, 0.8, 0.8)
 SIZE = 1024  # most pixels of an image along a side
+BY_AGENT = -2.0  # in place of an image's layer: each agent has a color of its own, of Looks.ramp
+STEPS = 32  # in which a ramp is sampled
 
 
 class Looks:
     """Collects the looks of one character's materials.
 
     sources: the materials' images.
+    ramp: (STEPS, 3) float32, linear: the Color Ramp by which a material varies with the agents'
+        attribute `looks`; None without. One of several counts.
     """
 
     def __init__(self):
         self.sources: list[bpy.types.Image] = []
+        self.ramp: np.ndarray | None = None
         self._pictures = np.empty((0, 1, 1, 4), np.uint8)
 
     def of(self, material: bpy.types.Material | None) -> tuple[float, float, float, float]:
-        """Return linear base color, and the layer of `images` that replaces it, or -1."""
+        """Return linear base color, and the layer of `images` that replaces it, -1 or BY_AGENT."""
         if material is None:
             return *GRAY, -1.0
         socket = _base_color(material)
         if socket is None:
             return *material.diffuse_color[:3], -1.0
+        ramp = _ramp_behind(socket)
+        if ramp is not None:
+            self.ramp = ramp if self.ramp is None else self.ramp
+            red, green, blue = ramp.mean(axis=0).tolist()
+            return red, green, blue, BY_AGENT if np.array_equal(ramp, self.ramp) else -1.0
         image = _image_behind(socket)
         if image is None:
             return *socket.default_value[:3], -1.0
@@ -71,6 +81,19 @@ def _base_color(material: bpy.types.Material) -> bpy.types.NodeSocket | None:
     inputs = links[0].from_node.inputs if links else {}
     socket = inputs.get("Base Color") or inputs.get("Color") if inputs else None
     return socket if socket is not None and socket.type == "RGBA" else None
+
+
+def _ramp_behind(socket: bpy.types.NodeSocket) -> np.ndarray | None:
+    """Return the colors (STEPS, 3) float32 of a Color Ramp by the agents' `looks`, or None."""
+    ramp = socket.links[0].from_node if socket.links else None
+    if ramp is None or ramp.type != "VALTORGB" or not ramp.inputs["Fac"].links:
+        return None
+    number = ramp.inputs["Fac"].links[0].from_node
+    kind = getattr(number, "attribute_type", ""), getattr(number, "attribute_name", "")
+    if kind != ("INSTANCER", "looks"):
+        return None
+    steps = (np.arange(STEPS) + 0.5) / STEPS
+    return np.array([ramp.color_ramp.evaluate(step)[:3] for step in steps.tolist()], np.float32)
 
 
 def _image_behind(socket: bpy.types.NodeSocket) -> bpy.types.Image | None:

@@ -24,7 +24,9 @@ TICKS = (0.04, 0.1, 0.2, 0.4), (0.04, 0.1, 0.1, 0.2)
 EARLY = 0.25
 KNOWN = 1.4
 WRONG = 1.5
-SHOWN_EVERY = 0.25  # seconds between two texts on the progress: each draws the sidebar
+# Seconds between two texts on the progress. Software OpenGL takes 40 ms to draw one in the sidebar
+# and the status bar.
+SHOWN_EVERY = 0.5
 # by the bl_idname of an operator at work: its progress, 0 to 1
 at_work: dict[str, float] = {}
 # functions of a scene that return what steps rest on; registration fills the list

@@ -19,7 +19,6 @@ from ...crowd_lod.progress import finished
 from . import mesh_data, scene_cache, scene_data
 from .animation import curves_and_drivers, players_of
 from .guard import handler
-from .props import PROP
 from .references import blocks_of
 from .rig_dependencies import (
     moved_values,
@@ -240,7 +239,6 @@ def _own(item: bpy.types.Object, shared: Container[bpy.types.ID] = ()) -> str:
         item.type,
         _place(item),
         item.parent_bone,
-        repr(item.get(PROP)),
         modifiers,
         _inputs(item),
         groups,

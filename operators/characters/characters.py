@@ -1,6 +1,6 @@
-"""The character groups of a scene, and the variants that their props make of them."""
+"""The character groups of a scene, and the parts that their agents wear."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -11,11 +11,10 @@ from ...crowd_lod.errors import CrowdError
 from ..blender import stored_values
 from ..blender.character_objects import WITHOUT_FACES, is_stage, may_have_faces, parts
 from ..blender.ownership import OWNED
-from ..blender.props import Variant, variants_of
 from ..blender.references import closure_of
 from ..machine import terrain_source
-from .given_lods import CharacterGroup, GivenLod, Owner, with_given_lods
-from .wardrobe import parts_of, slots_in
+from .given_lods import CharacterGroup, GivenLod, Owner, label_of, with_given_lods
+from .wardrobe import wardrobe_of
 
 # custom property of a LOD's collection of one character group: the group's name
 GROUP = "crowd_lod_group"
@@ -23,21 +22,20 @@ FINE = 1e-5  # of a chance: Blender keeps float32
 
 
 class Character(NamedTuple):
-    """A character group, or a variant of one.
+    """A character group, or a part that its agents wear.
 
     objects: those with a shape.
     origin: world meters.
-    variant_of: the group's name, "" for the variant without props.
-    chance: that an agent of the group is this variant.
-    given: LODs that an artist made of it, the finer ones first.
-    slot, excludes: of a part that agents wear, see wardrobe.Part; of others "" and none.
+    variant_of: of a part the group's name, "" for a group.
+    chance, slot, excludes: of a part, see wardrobe.Part.
+    given_lods: LODs that an artist made of it, the finer ones first.
     """
 
     name: str
     objects: list[bpy.types.Object]
     origin: tuple[float, float, float]
-    variant_of: str
-    chance: float
+    variant_of: str = ""
+    chance: float = 1.0
     given_lods: tuple[GivenLod, ...] = ()
     slot: str = ""
     excludes: tuple[str, ...] = ()
@@ -51,7 +49,7 @@ def characters_of(
 
 
 def all_characters(scene: bpy.types.Scene) -> list[Character]:
-    """Return the character groups of `scene`, sorted by name, each with its variants, then parts.
+    """Return the character groups of `scene`, sorted by name, each with its parts.
 
     A group is a child collection of the characters' collection, or one of its objects with all that
     is parented to it. What is_stage is left out. CrowdError if there is no usable group.
@@ -88,58 +86,50 @@ def all_characters(scene: bpy.types.Scene) -> list[Character]:
 
 
 def _family(top: bpy.types.Collection, group: CharacterGroup) -> Iterator[Character]:
-    """Yield a character group in `top`: its variants by props, then the parts that agents wear."""
-    name = group.owner.name
-    slots = slots_in(group.owner)
-    worn = {item for home in slots.values() for item in home.all_objects}
-    worn |= {child for item in worn for child in item.children_recursive}
-    members = [item for item in group.members if item not in worn]
-    lods = [
-        {
-            variant.name: variant
-            for variant in _variants(
-                top, group.owner, [item for item in lod.objects if item not in worn]
-            )
-        }
-        for lod in group.lods
-    ]
-    bodies = _variants(top, group.owner, members)
-    for variant in bodies:
-        given = tuple(
-            GivenLod(variants[variant.name].objects, lod.offset)
-            for lod, variants in zip(group.lods, lods, strict=True)
-            if variant.name in variants  # else its props are others
-        )
-        variant_of = name if variant.name != name else ""
-        yield Character(*variant[:2], group.origin, variant_of, variant.chance, given)
-    if slots:
-        shapes = parts(group.owner, group.members)
-        for part in parts_of(group.owner, slots, shapes, bodies[0].objects):
-            yield Character(
-                part.name,
-                part.objects,
-                group.origin,
-                name,
-                part.chance,
-                slot=part.slot,
-                excludes=part.excludes,
-            )
-
-
-def _variants(
-    top: bpy.types.Collection, owner: Owner, members: list[bpy.types.Object]
-) -> list[Variant]:
-    """Return the variants of a character in `top`, or of a LOD of it.
-
-    CrowdError if it has no mesh.
-    """
-    shapes = parts(owner, members)
+    """Yield a character group in `top`, then the parts that its agents wear."""
+    owner = group.owner
+    shapes = parts(owner, group.members)
     if not any(map(may_have_faces, shapes)):
         raise CrowdError(
             f"The character group {owner.name} in {top.name} holds no mesh with faces: give it "
             f"one, or take it out."
         )
-    return list(variants_of(owner.name, members, shapes))
+    body, wardrobe = wardrobe_of(owner, group.members, shapes)
+    lods = [GivenLod(parts(owner, lod.objects), lod.offset) for lod in group.lods]
+    worn = [item for item in shapes if item not in body]
+    given = _lods_of(lods, lambda item: item not in worn and _stem(item) not in _stems(worn))
+    yield Character(owner.name, body, group.origin, given_lods=given)
+    for part in wardrobe:
+        given = _lods_of(
+            lods, lambda item, worn=part.objects: item not in worn and _stem(item) in _stems(worn)
+        )
+        yield Character(
+            part.name,
+            part.objects,
+            group.origin,
+            owner.name,
+            part.chance,
+            given,
+            part.slot,
+            part.excludes,
+        )
+
+
+def _lods_of(
+    lods: Sequence[GivenLod], belongs: Callable[[bpy.types.Object], bool]
+) -> tuple[GivenLod, ...]:
+    """Return the given LODs with those of their objects that belong to a body, or to a part."""
+    given = [lod._replace(objects=list(filter(belongs, lod.objects))) for lod in lods]
+    return tuple(lod for lod in given if lod.objects_with_faces())
+
+
+def _stem(item: bpy.types.Object) -> str:
+    return label_of(item.name).stem
+
+
+def _stems(objects: Sequence[bpy.types.Object]) -> set[str]:
+    """Return the names of objects without the numbers of their LODs."""
+    return set(map(_stem, objects))
 
 
 def groups_in(scene: bpy.types.Scene, top: bpy.types.Collection) -> list[CharacterGroup]:
@@ -216,16 +206,11 @@ def props_outdated(scene: bpy.types.Scene) -> Iterator[str]:
     groups = scene.crowd_lod.groups
     with suppress(CrowdError):  # Populate tells
         cast = all_characters(scene) if len(groups) else []
-        now = {character.name: character.chance for character in cast if character.variant_of}
-        before = {group.name: group.chance for group in groups if group.variant_of}
-        slots = {group.name: (group.slot, group.excludes) for group in groups}
-        other_slots = any(
-            slots.get(character.name, ("", "")) != (character.slot, ", ".join(character.excludes))
-            for character in cast
-        )
-        if (
-            other_slots
-            or now.keys() != before.keys()
-            or any(abs(now[name] - before[name]) > FINE for name in now)
+        now = {character.name: character for character in cast if character.slot}
+        before = {group.name: group for group in groups if group.slot}
+        if now.keys() != before.keys() or any(
+            (part.slot, ", ".join(part.excludes)) != (before[name].slot, before[name].excludes)
+            or abs(part.chance - before[name].chance) > FINE
+            for name, part in now.items()
         ):
             yield "The characters' props or slots have changed: press Populate."

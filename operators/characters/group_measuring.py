@@ -30,6 +30,7 @@ from .character_extent import (
     walked,
 )
 from .characters import Character, all_characters
+from .rig_needs import check_worn
 from .stored_groups import OF_EACH_LEVEL, groups_of
 
 # of a character's size: feet that walk less in a cycle stand, and the action plays by time
@@ -81,7 +82,7 @@ def _measuring_group(
 ) -> Generator[float, None, Group]:
     """Measure one group; yield the progress, 0 to 1.
 
-    base: the measured group without props of which it is a variant, if it is one.
+    base: of a part the measured group whose agents wear it.
     reach: (lowest, center, radius), if they are known.
     """
     name, objects, origin, *_ = character
@@ -95,7 +96,7 @@ def _measuring_group(
         # while two actions mix, feet may dip into the ground: nobody is lifted for that
         plain = [act for part, act in zip(performance.parts, acts, strict=True) if not part.mixed]
         standing_on = aside(lambda: height_of_ground(plain, origin[2]))
-        # props are no feet
+        # what is worn is no feet
         low = base.lowest if base else (yield from standing(standing_on, 1.0))
         stand = (*origin[:2], origin[2] + low * on_ground)
         first_name = objects[0].name
@@ -111,7 +112,8 @@ def _measuring_group(
             group, height=float(np.median([np.ptp(pose[:, 2]) for pose in acts[0].poses]))
         )
     if base:
-        if character.slot and not np.isclose(group.period, base.period, rtol=1e-5):
+        check_worn(name, objects)
+        if not np.isclose(group.period, base.period, rtol=1e-5):
             raise CrowdError(
                 f"The part {name} moves by itself: its action lasts {number(group.period)} s, and "
                 f"that of {base.name} {number(base.period)} s. Let the rig alone move it."
@@ -183,9 +185,7 @@ def _action(part: Part, feet: float, fps: float, size: float, meters: float) -> 
 
 
 def stands(settings, name: str) -> bool:
-    """Return whether the group `name`, or that which it is a variant of, is to stand on its lowest
-    point.
-    """
+    """Return whether the group `name`, or that which wears it, is to stand on its lowest point."""
     entry = settings.groups.get(name) or settings.groups.get(group_of(name))
     return entry is None or entry.on_ground
 

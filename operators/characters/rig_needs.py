@@ -73,25 +73,32 @@ def deforming(rig: bpy.types.Object, objects: Sequence[bpy.types.Object]) -> lis
 
 
 def leads(characters: Characters, groups: Sequence[Group]) -> list[int]:
-    """Return for each group the number of that whose rigs move it: for a variant its group's, if
-    they can.
+    """Return for each group the number of that whose rigs move it: for a part its wearers'.
 
     groups: as they were measured, of the `characters`.
     CrowdError if a group has no such action any more, or a part moves otherwise than its group.
     """
-    names = {group.name: g for g, group in enumerate(groups)}
-    numbers = []
+    names = [group.name for group in groups]
+    numbers = list(range(len(groups)))
     for g, group in enumerate(groups):
-        lead = names.get(group.variant_of, g)
-        reason = refusal(characters[g][1])
-        shares = lead != g and not reason and _alike(characters, groups, lead, g)
-        if group.slot and not shares:
-            raise CrowdError(
-                f"The part {group.name} would leave who wears it: "
-                f"{reason or 'its action lasts otherwise'}. Let the rig alone move it."
-            )
-        numbers.append(lead if shares else g)
+        if group.slot:
+            numbers[g] = names.index(group.variant_of)
+            check_worn(group.name, characters[g][1])
+            if not _alike(characters, groups, numbers[g], g):
+                raise CrowdError(
+                    f"The part {group.name} would leave who wears it: its action lasts otherwise. "
+                    f"Let the rig alone move it."
+                )
     return numbers
+
+
+def check_worn(name: str, objects: Sequence[bpy.types.Object]) -> None:
+    """Raise CrowdError if no rig can show the part `name`, which a wearer's rig is to move."""
+    reason = refusal(objects)
+    if reason:
+        raise CrowdError(
+            f"The part {name} would leave who wears it: {reason}. Let the rig alone move it."
+        )
 
 
 def _alike(characters: Characters, groups: Sequence[Group], *pair: int) -> bool:

@@ -26,9 +26,7 @@ def groups_of(settings) -> tuple[Group, ...]:
 
 
 def lead_of(entry: bpy.types.PropertyGroup) -> bpy.types.PropertyGroup:
-    """Return the entry of the settings that an entry of a group is a variant of; itself if of
-    none.
-    """
+    """Return the entry of the group whose agents wear the part `entry`; a group's own is itself."""
     return entry.variant_of and entry.id_data.crowd_lod.groups.get(entry.variant_of) or entry
 
 

@@ -2,7 +2,7 @@
 
 A slot is a collection inside the group's, whose name begins with "slot:" or which has the custom
 property "slot". Its child collections are its parts, and each of its objects with what is parented
-to it.
+to it. A prop is a slot of one part.
 """
 
 import re
@@ -15,7 +15,7 @@ from ...crowd_lod.errors import CrowdError
 from ..blender import stored_values
 from ..blender.animation import armatures_of
 from ..blender.character_objects import may_have_faces
-from ..blender.props import JOINT
+from ..blender.props import JOINT, PROP, prop_of
 
 SLOT = "slot"  # custom property of a collection: the slot's name
 PREFIX = "slot:"  # begins the name of such a collection in its place
@@ -74,21 +74,43 @@ def _slot_name(home: bpy.types.Collection) -> str:
     return name.strip()
 
 
-def parts_of(
-    owner: Owner,
-    slots: dict[str, bpy.types.Collection],
-    shapes: Sequence[bpy.types.Object],
-    body: Sequence[bpy.types.Object],
-) -> Iterator[Part]:
-    """Yield the parts in the `slots` of the character group `owner`.
+def wardrobe_of(
+    owner: Owner, members: Sequence[bpy.types.Object], shapes: Sequence[bpy.types.Object]
+) -> tuple[list[bpy.types.Object], list[Part]]:
+    """Return (body, parts): what all agents of the character group have, and what some wear.
 
-    shapes: all of its objects that have a shape and are shown.
-    body: those that all its agents have.
+    members: all of its objects.
+    shapes: those that have a shape and are shown.
 
     CrowdError if a slot or a part cannot be used.
     """
+    slots = slots_in(owner)
+    in_slots = {item for home in slots.values() for item in home.all_objects}
+    in_slots |= {child for item in in_slots for child in item.children_recursive}
     parts = [part for slot, home in slots.items() for part in _parts_in(owner, slot, home, shapes)]
-    _check_exclusions(owner, slots, parts)
+    props = _props_of(owner, [item for item in members if item not in in_slots], shapes)
+    optional = {prop: chance for prop, chance in props.items() if 0 < chance < 1}
+    for prop in optional:
+        if prop.name in slots:
+            raise CrowdError(
+                f"The character group {owner.name} has a prop and a slot called {prop.name}: "
+                f"rename one."
+            )
+    parts += [_part_of(owner, prop, chance, shapes) for prop, chance in optional.items()]
+    body = [item for item in shapes if item not in in_slots and props.get(prop_of(item), 1.0) == 1]
+    if not any(map(may_have_faces, body)):
+        raise CrowdError(
+            f"All meshes of the character group {owner.name} are props or in slots: leave it one "
+            f"that all its agents have."
+        )
+    homes = slots | {prop.name: prop for prop in optional}
+    _check_exclusions(owner, dict(sorted(homes.items())), parts)
+    _check_rigs(owner, body, parts)
+    return body, parts
+
+
+def _check_rigs(owner: Owner, body: Sequence[bpy.types.Object], parts: Sequence[Part]) -> None:
+    """Raise CrowdError if the rig of the body does not move a part."""
     rigs = armatures_of(list(body))
     for part in parts:
         if rigs and not set(rigs) & set(_rigs_of(part.objects)):
@@ -96,12 +118,43 @@ def parts_of(
                 f"The part {part.name} is not moved by {rigs[0].name}, the rig of {owner.name}: "
                 f"parent it to that rig, or give it an Armature modifier."
             )
-    yield from parts
 
 
-def _check_exclusions(
-    owner: Owner, slots: dict[str, bpy.types.Collection], parts: Sequence[Part]
-) -> None:
+def _props_of(
+    owner: Owner, members: Sequence[bpy.types.Object], shapes: Sequence[bpy.types.Object]
+) -> dict[bpy.types.Object, float]:
+    """Return the chance of each prop among `members`, by name."""
+    remedy = "set the chance that an agent has this prop, or remove it"
+    props = sorted(
+        (item for item in members if PROP in item and not item.hide_render),
+        key=lambda item: item.name,
+    )
+    chances = {
+        item: round(float(stored_values.read(item, PROP, float, remedy, bounds=(0, 1))), 6)
+        for item in props
+    }
+    with_faces = {prop_of(item) for item in shapes if may_have_faces(item)}
+    outermost = [item for item in props if prop_of(item) is item]
+    for prop in outermost:
+        if prop not in with_faces:
+            raise CrowdError(
+                f"The prop {prop.name} of the character group {owner.name} has no mesh with "
+                f'faces: give it one, or remove its custom property "{PROP}".'
+            )
+    return {prop: chances[prop] for prop in outermost}
+
+
+def _part_of(
+    owner: Owner, prop: bpy.types.Object, chance: float, shapes: Sequence[bpy.types.Object]
+) -> Part:
+    """Return the part that a prop is, alone in a slot of its name."""
+    objects = [item for item in shapes if prop_of(item) is prop]
+    return Part(
+        JOINT.join([owner.name, prop.name]), objects, prop.name, chance, tuple(_names(prop))
+    )
+
+
+def _check_exclusions(owner: Owner, slots: dict[str, Owner], parts: Sequence[Part]) -> None:
     """Raise CrowdError if a part excludes a slot that is not there, or a slot is never worn."""
     for part in parts:
         for other in part.excludes:
@@ -131,19 +184,25 @@ def _rigs_of(objects: Sequence[bpy.types.Object]) -> list[bpy.types.Object]:
     return armatures_of(moved)
 
 
+def members_of(home: bpy.types.Collection) -> list[tuple[Owner, list[bpy.types.Object]]]:
+    """Return (what names it, its objects) of each part of the slot `home`."""
+    direct = home.objects[:]
+    roots = [item for item in direct if item.parent not in direct and item.type != "ARMATURE"]
+    return [
+        *((child, list(child.all_objects)) for child in home.children),
+        *((root, [root, *root.children_recursive]) for root in roots),
+    ]
+
+
 def _parts_in(
     owner: Owner,
     slot: str,
     home: bpy.types.Collection,
     shapes: Sequence[bpy.types.Object],
 ) -> Iterator[Part]:
-    members: list[tuple[Owner, list[bpy.types.Object]]] = [
-        (child, list(child.all_objects)) for child in home.children
+    worn = [
+        (part, [item for item in objects if item in shapes]) for part, objects in members_of(home)
     ]
-    direct = home.objects[:]
-    roots = [item for item in direct if item.parent not in direct and item.type != "ARMATURE"]
-    members += [(root, [root, *root.children_recursive]) for root in roots]
-    worn = [(part, [item for item in objects if item in shapes]) for part, objects in members]
     worn = [(part, objects) for part, objects in worn if any(map(may_have_faces, objects))]
     if not worn:
         raise CrowdError(

@@ -32,12 +32,12 @@ def add_assemble(commands, program: str) -> None:
     )
 
 
-def assemble(args, command: list[str]) -> dict:
+def assemble(args) -> dict:
     """Run the command assemble."""
     if args.frames is not None:
         frames = parse_frames(args.frames, args.step)
-        return farm.assemble_frames(files.absolute(args.folder), frames, command)
-    again, words = shared_runs.finishing_command(args, args.parser)
-    result = again.run(again, words)
+        return farm.assemble_frames(files.absolute(args.folder), frames, args.words)
+    again = shared_runs.finishing_command(args, args.parser)
+    result = again.run(again)
     shared_runs.remove_parts(args.folder)
     return result

@@ -33,7 +33,7 @@ def add_calibrate(commands, program: str) -> None:
     )
 
 
-def calibrate_machine(args, command: list[str]) -> dict:
+def calibrate_machine(args) -> dict:
     """Run the command calibrate."""
     scene = open_scene(args.scene)
     if args.engine is not None:

@@ -62,12 +62,13 @@ def _tell(argv: list[str], program: str) -> int:
         standard_streams.write_out("")  # fails at once where stdout is closed
         try:
             args = parser(program).parse_args(argv)
+            args.words = [program, *map(printable, argv)]
         # argparse has printed why; Blender must not be torn down from inside a command
         except SystemExit as end:
             standard_streams.write_out("")
             return int(end.code or 0)
         with interrupt.work():
-            result = args.run(args, [program, *map(printable, argv)])
+            result = args.run(args)
         console.flush()  # what Blender holds back would come after the JSON
         standard_streams.write_out(
             json.dumps(result, allow_nan=False) if args.json else result["summary"]

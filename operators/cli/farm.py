@@ -54,7 +54,7 @@ def add_job(commands, program: str) -> None:
     add_out(command, "DIR", "the folder for the job and its output (default: SCENE_job)")
 
 
-def run_job(args, command: Sequence[str]) -> dict[str, Any]:
+def run_job(args) -> dict[str, Any]:
     """Run the command job: write an Open Job Description template, and a job type for Flamenco."""
     if args.chunk < 1:
         raise CrowdError(f"A task has {args.chunk} frames: give --chunk a whole number from 1 on.")
@@ -65,7 +65,7 @@ def run_job(args, command: Sequence[str]) -> dict[str, Any]:
     if step is None:
         step = scene.crowd_lod.step if args.preview else scene.frame_step
     frames = parse_frames(args.frames or f"{scene.frame_start}:{scene.frame_end}", step)
-    job = job_of(scene, printable(path), frames, args.chunk, args.preview)
+    job = job_of(printable(path), frames, args.chunk, args.preview)
     folder = files.absolute(args.out or Path(f"{path.stem}_job"))
     with files.staged(folder, "template.json", "parameter_values.json", "crowd_lod.js") as part:
         write_job(job, part)

@@ -33,9 +33,8 @@ from .options import (
     add_scene,
     add_setting,
     add_strict_plan,
-    apply_settings,
-    follow_plan,
     frames_of_shot,
+    open_shot,
 )
 from .scene_files import blend_path, finish, open_scene, save, stem_of
 
@@ -112,15 +111,13 @@ def add_sample(commands, program: str) -> None:
     add_out(command, "FILE", "the .blend file (default: NAME.blend)")
 
 
-def build(args, command: list[str]) -> dict:
+def build(args) -> dict:
     """Run the command build."""
     stem = stem_of(args)
     path = blend_path(args.out or Path(f"{stem}_built.blend"))
     _check_bake(args)
     with files.staged_file(path) as part:
-        scene = open_scene(args.scene)
-        apply_settings(args, scene.crowd_lod)
-        follow_plan(args, scene.crowd_lod)
+        scene = open_shot(args)
         frames = _frames_to_bake(args, scene)
         view_layers.check_layers(scene, args.view_layer or ())
         if not args.bake:
@@ -238,13 +235,11 @@ def _built(frames: Sequence[int] | None, points: Mapping[str, int]) -> str:
     )
 
 
-def export(args, command: list[str]) -> dict:
+def export(args) -> dict:
     """Run the command export."""
     stem = stem_of(args)
     path = output_file(args.out or Path(f"{stem}.usdc"), *usd.ENDINGS)
-    scene = open_scene(args.scene)
-    apply_settings(args, scene.crowd_lod)
-    follow_plan(args, scene.crowd_lod)
+    scene = open_shot(args)
     frames = frames_of_shot(args, scene)
     wanted = usd.UsdExport(frames, path, scene.crowd_lod.usd_animated, args.strict)
     exported = finish(usd.export_usd(scene, wanted), f"export of {stem}", args.quiet)
@@ -268,7 +263,7 @@ def export(args, command: list[str]) -> dict:
     }
 
 
-def sample(args, command: list[str]) -> dict:
+def sample(args) -> dict:
     """Run the command sample."""
     path = blend_path(args.out or Path(f"{args.name}.blend"))
     with files.staged_file(path) as part:

@@ -74,7 +74,7 @@ def add_new_scene(commands, program: str) -> None:
     add_out(command, "FILE", "the .blend file (default: TRACKS.blend, or OBJECT.blend)")
 
 
-def new_scene(args, command: list[str]) -> dict:
+def new_scene(args) -> dict:
     """Run the command scene: write a scene of trajectories, or of an object's points."""
     if (args.tracks is None) == (args.source is None):
         raise CrowdError(

@@ -17,8 +17,9 @@ from ...crowd_lod.reporting import files
 from ...crowd_lod.shot import plan_file
 from ..blender import scene_data
 from ..settings.properties import CrowdLodSettings
+from .scene_files import open_scene
 
-Run = Callable[[argparse.Namespace, list[str]], dict[str, Any]]
+Run = Callable[[argparse.Namespace], dict[str, Any]]
 MOST_SEED = 2**31 - 1
 ENDLESS = 1e30  # a limit of a setting beyond this is none
 
@@ -29,7 +30,7 @@ def add_command(  # noqa: PLR0913 - what a command is
     """Add a command, and return the parser of its arguments.
 
     commands: subparsers of the program.
-    run: called with the arguments and the words of the command line; returns what --json prints,
+    run: called with the arguments, whose `words` are the command line; returns what --json prints,
         with the `summary` that is printed without it.
     about: what it does, as help.
     example: the words of one, without the program.
@@ -103,6 +104,15 @@ def _whole(text: str) -> int:
     if not number.is_integer():
         raise argparse.ArgumentTypeError(f"{text} is no whole number")
     return int(number)
+
+
+def open_shot(args: argparse.Namespace) -> bpy.types.Scene:
+    """Open the scene that the command names, with the settings and the plan that it gives."""
+    scene = open_scene(args.scene)
+    apply_settings(args, scene.crowd_lod)
+    if getattr(args, "plan", None) is not None:
+        follow_plan(args.plan, scene.crowd_lod)
+    return scene
 
 
 def apply_settings(args: argparse.Namespace, settings: bpy.types.PropertyGroup) -> None:
@@ -185,12 +195,9 @@ def add_strict_plan(command: argparse.ArgumentParser) -> None:
     )
 
 
-def follow_plan(args: argparse.Namespace, settings: bpy.types.PropertyGroup) -> None:
-    """Use the shot plan in the folder that the command gives, if any."""
-    if args.plan is None:
-        return
-    named = args.plan.name == plan_file.NAME
-    path = files.absolute(args.plan if named else args.plan / plan_file.NAME)
+def follow_plan(plan: Path, settings: bpy.types.PropertyGroup) -> None:
+    """Use the shot plan in this folder; its plan.npz may be named in place of it."""
+    path = files.absolute(plan if plan.name == plan_file.NAME else plan / plan_file.NAME)
     plan_file.read(path)  # says what is wrong with it
     settings.shot_plan = str(path)
     settings.use_shot_plan = True

@@ -19,14 +19,13 @@ from .options import (
     add_scene,
     add_setting,
     add_strict_plan,
-    apply_settings,
     check_range,
     choices_of,
-    follow_plan,
     frames_of_shot,
+    open_shot,
     to_path,
 )
-from .scene_files import finish, open_scene, stem_of
+from .scene_files import finish, stem_of
 
 
 def add_preview(commands, program: str) -> None:
@@ -106,12 +105,10 @@ def _add_shot(command: argparse.ArgumentParser, program: str) -> None:
     command.add_argument("--threads", type=int, help=argparse.SUPPRESS)
 
 
-def preview_shot(args, command: list[str]) -> dict:
+def preview_shot(args) -> dict:
     """Run the command preview."""
-    scene = open_scene(args.scene)
+    scene = open_shot(args)
     settings = scene.crowd_lod
-    apply_settings(args, settings)
-    follow_plan(args, settings)
     if args.no_lod_pictures:
         settings.lod_pictures = False
     stem = stem_of(args)
@@ -124,8 +121,8 @@ def preview_shot(args, command: list[str]) -> dict:
         color=_color(args, settings),
         strict=args.strict,
     )
-    sharing = shared_runs.sharing_of(args, command, scene, folder, request.frames)
-    plan = finish(preview(scene, request, command, sharing), f"preview of {stem}", args.quiet)
+    sharing = shared_runs.sharing_of(args, scene, folder, request.frames)
+    plan = finish(preview(scene, request, args.words, sharing), f"preview of {stem}", args.quiet)
     if sharing.part is not None:
         return shared_runs.part_result(sharing, plan["frames"])
     return {
@@ -169,13 +166,11 @@ def _summary(plan: dict) -> str:
     )
 
 
-def verify_shot(args, command: list[str]) -> dict:
+def verify_shot(args) -> dict:
     """Run the command verify."""
     check_range("--bounces", args.bounces, 0, 64)
-    scene = open_scene(args.scene)
+    scene = open_shot(args)
     settings = scene.crowd_lod
-    apply_settings(args, settings)
-    follow_plan(args, settings)
     stem = stem_of(args)
     frames = frames_of_shot(args, scene, settings.step)
     request = Verify(
@@ -186,8 +181,8 @@ def verify_shot(args, command: list[str]) -> dict:
         bounces=args.bounces,
         strict=args.strict,
     )
-    sharing = shared_runs.sharing_of(args, command, scene, request.folder, request.frames)
-    result = finish(verify(scene, request, command, sharing), f"verify {stem}", args.quiet)
+    sharing = shared_runs.sharing_of(args, scene, request.folder, request.frames)
+    result = finish(verify(scene, request, args.words, sharing), f"verify {stem}", args.quiet)
     if sharing.part is not None:
         return shared_runs.part_result(sharing, result["frames"])
     out = printable(request.folder)

@@ -19,12 +19,11 @@ from .options import (
     add_plan,
     add_scene,
     add_setting,
-    apply_settings,
-    follow_plan,
     frames_of_shot,
+    open_shot,
     to_path,
 )
-from .scene_files import finish, open_scene, stem_of
+from .scene_files import finish, stem_of
 
 
 def add_plan_shot(commands, program: str) -> None:
@@ -87,11 +86,10 @@ def add_compare(commands, program: str) -> None:
     command.add_argument("b", type=to_path, metavar="B", help="another one")
 
 
-def plan_shot(args, command: list[str]) -> dict:
+def plan_shot(args) -> dict:
     """Run the command plan."""
-    scene = open_scene(args.scene)
+    scene = open_shot(args)
     settings = scene.crowd_lod
-    apply_settings(args, settings)
     stem = stem_of(args)
     folder = files.absolute(args.out or Path(f"{stem}_plan"))
     request = replace(
@@ -102,7 +100,7 @@ def plan_shot(args, command: list[str]) -> dict:
 
         def work() -> Generator[float, None, tuple[shot_plan.PlannedShot, dict]]:
             planned = yield from share(shot_plan.plan_shot(scene, request), 0.0, 0.99)
-            writing = shot_plan.write_plan(scene, part, planned, command)
+            writing = shot_plan.write_plan(scene, part, planned, args.words)
             return planned, (yield from share(writing, 0.99, 1.0))
 
         steps = with_record(scene, request.frames, work)
@@ -120,10 +118,9 @@ def plan_shot(args, command: list[str]) -> dict:
     }
 
 
-def explain_agent(args, command: list[str]) -> dict:
+def explain_agent(args) -> dict:
     """Run the command explain."""
-    scene = open_scene(args.scene)
-    follow_plan(args, scene.crowd_lod)
+    scene = open_shot(args)
     steps = explain(scene, args.agent, args.frame)
     explanation, unplanned = finish(steps, f"agent {args.agent}", args.quiet)
     summary = "\n".join(filter(None, (explanation.text, unplanned)))
@@ -135,7 +132,7 @@ def explain_agent(args, command: list[str]) -> dict:
     }
 
 
-def compare(args, command: list[str]) -> dict:
+def compare(args) -> dict:
     """Run the command compare."""
     comparison = plan_comparison.compare(args.a, args.b)
     return {**comparison.as_json, "summary": comparison.text}

@@ -12,10 +12,10 @@ from .options import (
     add_out,
     add_scene,
     add_setting,
-    apply_settings,
     check_range,
+    open_shot,
 )
-from .scene_files import finish, open_scene, stem_of
+from .scene_files import finish, stem_of
 
 
 def add_error(reports, program: str) -> None:
@@ -85,11 +85,10 @@ def add_cull(reports, program: str) -> None:
     )
 
 
-def report_error(args, command: list[str]) -> dict:
+def report_error(args) -> dict:
     """Run report error."""
     check_range("--repeats", args.repeats, 1, 1000)
-    scene = open_scene(args.scene)
-    apply_settings(args, scene.crowd_lod)
+    scene = open_shot(args)
     stem = stem_of(args)
     folder = files.absolute(args.out or Path(f"{stem}_error"))
     steps = error_report.error(scene, folder, args.repeats)
@@ -103,7 +102,7 @@ def report_error(args, command: list[str]) -> dict:
     return {**result, "tables": tables, "out": out, "summary": summary}
 
 
-def report_extremes(args, command: list[str]) -> dict:
+def report_extremes(args) -> dict:
     """Run report extremes."""
     check_range("--most", args.most, 1, MOST_AGENTS)
     check_range("--seed", args.seed, 0, MOST_SEED)
@@ -121,7 +120,7 @@ def report_extremes(args, command: list[str]) -> dict:
     return {"cases": culling, "behavior": behavior, "summary": str(cases)}
 
 
-def report_cull(args, command: list[str]) -> dict:
+def report_cull(args) -> dict:
     """Run report cull."""
     check_range("--pairs", args.pairs, 1, 10**9)
     check_range("--seed", args.seed, 0, MOST_SEED)

@@ -36,14 +36,11 @@ ASIDE = {**OF_PART, "--out": 1, "--jobs": 1, "--quiet": 0, "--json": 0}
 MOST_JOBS = 256
 
 
-def sharing_of(
-    args, command: Sequence[str], scene: bpy.types.Scene, folder: Path, frames: Sequence[int]
-) -> Sharing:
+def sharing_of(args, scene: bpy.types.Scene, folder: Path, frames: Sequence[int]) -> Sharing:
     """Return which part of the run this process does.
 
     CrowdError if the options do not fit each other, or `folder` has parts of another run.
 
-    command: program and arguments.
     folder: of the output.
     frames: of the whole run.
     """
@@ -55,15 +52,15 @@ def sharing_of(
         scene.render.threads_mode = "FIXED"
         scene.render.threads = args.threads
     if args.into is not None and args.part is None:
-        _refuse_others(folder, key_of(args, command))
+        _refuse_others(folder, key_of(args))
         return Sharing(into=args.into)
     if args.part is not None:
         if args.jobs > 1:
             raise CrowdError("A part is made by one process: leave out --jobs, or --part.")
         part = parse_part(args.part, frames)
-        into = args.into or _parts(folder, args, command, key_of(args, command))
+        into = args.into or _parts(folder, args, key_of(args))
         return Sharing(part=tuple(part), into=into, parent=args.parent)
-    key = key_of(args, command)
+    key = key_of(args)
     jobs = allowed(args.jobs)
     if jobs < args.jobs:
         _say(args, f"Memory is free for {jobs} process{'es' * (jobs > 1)}, not for {args.jobs}.")
@@ -83,10 +80,10 @@ def sharing_of(
     if jobs > 1:
         scene.render.threads_mode = "FIXED"
         scene.render.threads = _threads(jobs)
-    return Sharing(key=key, jobs=jobs, worker=worker_of(args, command, jobs))
+    return Sharing(key=key, jobs=jobs, worker=worker_of(args, jobs))
 
 
-def key_of(args, command: Sequence[str]) -> str:
+def key_of(args) -> str:
     """Return a digest of what fixes a run's output: the command, and the content of its files.
 
     "" for a file that is open: it may have been changed since.
@@ -94,7 +91,7 @@ def key_of(args, command: Sequence[str]) -> str:
     if args.scene is None:
         return ""
     hashed = hashlib.sha256(
-        repr((remove_options(command, ASIDE), __version__, bpy.app.version_string)).encode()
+        repr((remove_options(args.words, ASIDE), __version__, bpy.app.version_string)).encode()
     )
     plan = [args.plan, args.plan / plan_file.NAME] if args.plan is not None else []
     linked = [
@@ -129,11 +126,9 @@ def remove_options(command: Sequence[str], options: Mapping[str, int]) -> list[s
     return words
 
 
-def worker_of(
-    args, command: Sequence[str], jobs: int
-) -> Callable[[Path, Sequence[int]], list[str]]:
+def worker_of(args, jobs: int) -> Callable[[Path, Sequence[int]], list[str]]:
     """Return the function that gives the command of a process of --jobs; see Sharing.worker."""
-    words = remove_options(command, ASIDE)[1:]
+    words = remove_options(args.words, ASIDE)[1:]
     words = [word for k, word in enumerate(words) if k != _place(words, args)]
 
     def worker(file: Path, frames: Sequence[int]) -> list[str]:
@@ -177,7 +172,7 @@ def launcher() -> list[str]:
     ]
 
 
-def _parts(folder: Path, args, command: Sequence[str], key: str) -> Path:
+def _parts(folder: Path, args, key: str) -> Path:
     """Return the folder of the run's parts, marked with the run."""
     if not key:
         raise CrowdError(
@@ -185,7 +180,7 @@ def _parts(folder: Path, args, command: Sequence[str], key: str) -> Path:
         )
     run = {
         "key": key,
-        "command": remove_options(command, OF_PART),
+        "command": remove_options(args.words, OF_PART),
         "scene": printable(Path(args.scene).absolute()),
     }
     path = folder / PARTS / RUN
@@ -234,10 +229,8 @@ def _damaged(folder: Path) -> CrowdError:
     )
 
 
-def finishing_command(
-    args, parser: Callable[[str], argparse.ArgumentParser]
-) -> tuple[argparse.Namespace, list[str]]:
-    """Return (arguments, words) that finish the command whose parts `args` names.
+def finishing_command(args, parser: Callable[[str], argparse.ArgumentParser]) -> argparse.Namespace:
+    """Return the arguments that finish the command whose parts `args` names.
 
     CrowdError if there are none, or the scene is another one now.
     """
@@ -256,7 +249,8 @@ def finishing_command(
     )
     again.quiet = args.quiet
     again.json = args.json
-    return again, run["command"]
+    again.words = run["command"]
+    return again
 
 
 def remove_parts(folder: Path) -> None:

@@ -5,8 +5,8 @@ from pathlib import Path
 from ...crowd_lod.format import printable
 from ...crowd_lod.reporting import files
 from ..sources import simulate
-from .options import add_command, add_out, add_scene, add_setting, apply_settings
-from .scene_files import blend_path, finish, open_scene, save, stem_of
+from .options import add_command, add_out, add_scene, add_setting, open_shot
+from .scene_files import blend_path, finish, save, stem_of
 
 
 def add_simulate(commands, program: str) -> None:
@@ -26,14 +26,13 @@ def add_simulate(commands, program: str) -> None:
     add_out(command, "FILE", "the .blend file (default: SCENE_simulated.blend)")
 
 
-def simulate_scene(args, command: list[str]) -> dict:
+def simulate_scene(args) -> dict:
     """Write the scene with its crowd simulated, and the trajectories beside it."""
     stem = stem_of(args)
     path = files.follow_link(blend_path(args.out or Path(f"{stem}_simulated.blend")))
     tracks = path.with_suffix(".sqlite")
     with files.staged(path.parent, path.name, tracks.name) as hidden:
-        settings = open_scene(args.scene).crowd_lod
-        apply_settings(args, settings)
+        settings = open_shot(args).crowd_lod
         steps = simulate.simulate_crowd(settings.id_data, 0, hidden / tracks.name)
         sentence = finish(steps, f"simulation of {stem}", args.quiet)
         simulate.follow(settings.id_data, 0, f"//{tracks.name}")

@@ -28,7 +28,7 @@ def add_update(commands, program: str) -> None:
     command.add_argument("--bake", action="store_true", help="bake a file that has no bake yet")
 
 
-def update_file(args, command: list[str]) -> dict:
+def update_file(args) -> dict:
     """Run the command update."""
     if args.scene in sample_scenes.NAMES:
         raise CrowdError("A sample is no file: write it with the command sample, and update that.")

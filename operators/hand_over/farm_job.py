@@ -54,10 +54,8 @@ for piece in frames.split(","):
 """
 
 
-def job_of(
-    scene: bpy.types.Scene, path: str, frames: Sequence[int], chunk: int, preview: bool = False
-) -> FarmJob:
-    """Return the job that renders or previews these frames of the scene's file.
+def job_of(path: str, frames: Sequence[int], chunk: int, preview: bool = False) -> FarmJob:
+    """Return the job that renders or previews these frames of the open file.
 
     path: of the file, absolute or beside the template.
     chunk: frames of a task.
@@ -130,7 +128,7 @@ def outside_files() -> list[Path]:
 
 def readme_of(scene: bpy.types.Scene, job: FarmJob, paths: Sequence[Path]) -> str:
     """Return what the job needs, as text for whoever submits it."""
-    size = sizes_of(scene.crowd_lod).get("crowd_lod.bake")
+    size = sizes_of(scene.crowd_lod).get("crowd_lod.write_farm_job")
     large = f"each opens {size.file}, and takes {size.memory} for the crowd" if size else ""
     blender = bpy.app.version_string
     lines = [
@@ -162,7 +160,7 @@ class CROWDLOD_OT_write_farm_job(Stepwise, bpy.types.Operator):
         path = Path(bpy.data.filepath)
         check_file(scene, path)
         frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
-        job = job_of(scene, path.name, frames, scene.crowd_lod.farm_chunk)
+        job = job_of(path.name, frames, scene.crowd_lod.farm_chunk)
         folder = output_folder(scene, "farm")
         paths = outside_files()
         yield 0.1

@@ -2,7 +2,6 @@
 
 import bpy
 
-from ..blender.props import PROP
 from ..blender.shader_nodes import used_nodes
 
 # shaders that light passes, at least in part
@@ -25,10 +24,9 @@ OPAQUE_AT = {"Alpha": 1.0, "Transmission Weight": 0.0}
 def hiding_slots(item: bpy.types.Object, evaluated: bpy.types.Object) -> list[bool]:
     """Return for each material slot of an object whether its faces hide what is behind them.
 
-    One value if there is no slot. Props hide nothing, since not every agent has them, and neither
-    does what the camera does not see.
+    One value if there is no slot. What the camera does not see hides nothing.
     """
-    hides = item.visible_camera and not _is_worn(item)
+    hides = item.visible_camera
     return [hides and is_opaque(slot.material) for slot in evaluated.material_slots] or [hides]
 
 
@@ -53,10 +51,3 @@ def _lets_light_pass(nodes: bpy.types.NodeTree) -> bool:
             ):
                 return True
     return False
-
-
-def _is_worn(item: bpy.types.Object | None) -> bool:
-    """Return whether the object is a prop, or is parented to one."""
-    while item is not None and PROP not in item:
-        item = item.parent
-    return item is not None

@@ -30,7 +30,7 @@ ERROR_TINTS = (  # from green to red
 class Colors:
     """The agents' colors, as indices into a palette.
 
-    index: (n,) uint8, each agent's color in `palette`.
+    index: (n,) unsigned, each agent's color in `palette`.
     palette: (p, 4) float32, linear RGBA.
     culled: whether culled agents show their color too; if not, their index has no meaning.
     names: what the colors mean, in the palette's order, which starts again where there are more
@@ -103,8 +103,17 @@ def by_error(frame: Frame) -> Colors:
 
 
 def by_material(frame: Frame, characters: Sequence[Character]) -> Colors:
-    """Color agents with the mean color of their group's materials."""
-    return Colors(frame.crowd.group, _opaque([character.color for character in characters]))
+    """Color agents with the mean color of their group's materials, or by its ramp of looks."""
+    ramps = [
+        character.color[None] if character.ramp is None else character.ramp
+        for character in characters
+    ]
+    sizes = np.array([len(ramp) for ramp in ramps])
+    index = frame.crowd.group
+    if sizes.max() > 1:
+        steps = (frame.trajectory.looks * sizes[index]).astype(np.intp)
+        index = ((np.cumsum(sizes) - sizes)[index] + steps).astype(np.uint16)
+    return Colors(index, _opaque(np.concatenate(ramps)))
 
 
 def _opaque(rgb) -> np.ndarray:

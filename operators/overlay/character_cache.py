@@ -189,6 +189,7 @@ def cache_key(scene: bpy.types.Scene) -> tuple[bytes, Looks]:
     homes = [home for level in scene.crowd_lod.levels.children for home in level.children]
     digest.update(cast_digest(item for home in homes for item in home.all_objects).encode())
     for home in homes:
+        appearance.ramp = None
         items = [item for item in home.all_objects if item.type == "MESH"]
         digest.update(
             repr((home.session_uid, home.get(GROUP), tuple(home.instance_offset))).encode()
@@ -225,6 +226,7 @@ def cache_key(scene: bpy.types.Scene) -> tuple[bytes, Looks]:
         names = actions_named(scene, group)
         if names:
             digest.update(repr(_named(group, items, names)).encode())
+        digest.update(repr(appearance.ramp).encode())
     return digest.digest(), appearance
 
 

@@ -128,8 +128,7 @@ def _paint_meshes(batches: Batches, matrix: np.ndarray, view: np.ndarray) -> Non
             shader.bind()
             shader.uniform_block("view", batches.view)
             shader.uniform_sampler("agents", batches.agents)
-            if not materials:
-                shader.uniform_sampler("palette", batches.palette)
+            shader.uniform_sampler("palette", batches.palette)
         if cast.characters:
             cast.bind(shader, level, group, action)
         else:

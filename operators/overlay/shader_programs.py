@@ -7,6 +7,8 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..blender.material_colors import BY_AGENT
+
 if TYPE_CHECKING:
     from gpu.types import GPUShader, GPUShaderCreateInfo
 
@@ -30,7 +32,8 @@ def mesh_interface(kind: str, materials: bool = False) -> "GPUShaderCreateInfo":
 
     kind: RIGID for boxes; JOINTS for meshes skinned in the draw from joint frames; FRAMES for
         meshes skinned before at each frame of the action.
-    materials: whether meshes have the colors of their materials, instead of the palette's.
+    materials: whether meshes have the colors of their materials, where these do not vary by agent,
+        instead of the palette's.
     """
     info = _vertex_interface(kind)
     info.typedef_source(VIEW)
@@ -38,6 +41,7 @@ def mesh_interface(kind: str, materials: bool = False) -> "GPUShaderCreateInfo":
     info.define("TEXELS", str(TEXELS))
     info.uniform_buf(0, "CrowdView", "view")
     info.sampler(0, "FLOAT_2D", "agents")
+    info.sampler(2, "FLOAT_2D", "palette")
     info.push_constant("INT", "base")
     if kind == "RIGID":
         info.define("BOXES", str(BOXES))
@@ -48,11 +52,10 @@ def mesh_interface(kind: str, materials: bool = False) -> "GPUShaderCreateInfo":
         info.push_constant("INT", "frame_count")
     if materials:
         info.define("MATERIALS", "1")
+        info.define("BY_AGENT", str(BY_AGENT))
         info.vertex_in(4, "VEC2", "uv")
         info.vertex_in(5, "VEC3", "base_color")
         info.vertex_in(6, "FLOAT", "layer")
-    else:
-        info.sampler(2, "FLOAT_2D", "palette")
     return info
 
 

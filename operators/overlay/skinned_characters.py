@@ -41,6 +41,7 @@ class Character:
         None.
     rows: by the action's name, (first, count) of its frames; "" is the group's own action. {} if
         there is no other.
+    ramp: see Looks.
     """
 
     name: str
@@ -51,6 +52,7 @@ class Character:
     off: float
     note: str | None
     rows: dict[str, tuple[int, int]] = field(default_factory=dict)
+    ramp: np.ndarray | None = None
 
     def rows_of(self, action: str) -> tuple[int, int]:
         """Return (first, count) of the frames of `action`; of the group's own if it has no such."""
@@ -179,7 +181,10 @@ def _character(
             f"{name} moves in ways that joints cannot express (shape keys, other modifiers than "
             f"armatures, or more than four bones a vertex): the overlay shows it {how}."
         )
-    return Character(name, frames, tuple(meshes), appearance.images(), color, off, sentence)
+    images = appearance.images()
+    return Character(
+        name, frames, tuple(meshes), images, color, off, sentence, ramp=appearance.ramp
+    )
 
 
 def _part(number: int, item: bpy.types.Object, stage: bpy.types.Scene) -> _Part:

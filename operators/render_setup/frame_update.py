@@ -109,7 +109,8 @@ def columns_by_bucket(
     pose: which of the `library`'s characters the agent shows, of the frame of `shown_crowd`.
     size: of agents of other sizes, how much more than 1 their scale is.
     looks: a number in [0, 1) per agent, by which materials may vary.
-    id: the stable index of the agent.
+    id: the stable index of the agent; of what is worn, its wearer's.
+    row: where agents wear something, the index in the crowd, which holds what they wear too.
 
     An agent that comes back on the other side of the map between the frame of `shown_crowd` and
     `crowd` stays where it was: the blur would draw it across the whole picture.
@@ -136,6 +137,8 @@ def columns_by_bucket(
         "phase": trajectory.gaits.phase(shown_crowd.crowd, seconds, agents),
     }
     columns |= {"group": of(crowd.group).astype(np.int32), "looks": of(trajectory.looks), "id": ids}
+    if trajectory.wearer is not None:
+        columns |= {"id": of(trajectory.wearer).astype(np.int32), "row": ids}
     columns["pose"] = library.character_of(trajectory.gaits, shown_crowd.crowd, seconds, agents)
     scale = trajectory.scale(shown_crowd.crowd, agents)
     if scale is not None:
@@ -151,6 +154,11 @@ def columns_by_bucket(
         )
         at += len(bucket)
     return columns_of_buckets
+
+
+def indices_in(columns: dict[str, np.ndarray]) -> np.ndarray:
+    """Return the indices (m,) int32 in the crowd of the agents in `columns`."""
+    return columns.get("row", columns["id"])
 
 
 def write(

@@ -51,7 +51,7 @@ def read_library(scene: bpy.types.Scene) -> Generator[float, None, GroupModels]:
                 family = [v for v, leader in enumerate(lead) if leader == g]
                 modeling = _model_group(scene, family, actions, library)
                 yield from share(modeling, g / len(characters), (g + 1) / len(characters))
-            else:  # a variant moves as its group does
+            else:  # a part moves as its wearers do
                 library.posed[g] = library.posed[lead[g]]
                 library.models.append(library.models[lead[g]])
             yield (g + 1) / len(characters)
@@ -61,9 +61,9 @@ def read_library(scene: bpy.types.Scene) -> Generator[float, None, GroupModels]:
 def _model_group(
     scene: bpy.types.Scene, family: list[int], actions: Sequence[str], library: GroupModels
 ) -> Generator[float, None, None]:
-    """Add the models of a group, which also its variants use, to `library`.
+    """Add the models of a group, which also move its parts, to `library`.
 
-    family: the numbers of the group and of its variants.
+    family: the numbers of the group and of its parts.
     actions: those that agents play.
     """
     g = family[0]

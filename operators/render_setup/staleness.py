@@ -11,8 +11,8 @@ import bpy
 from ...crowd_lod.errors import CrowdError
 from ..blender import provenance, scene_cache, scene_data
 from ..blender.cameras import read_cameras
-from ..blender.operator import at_work
 from ..blender.provenance import text_digest
+from ..blender.sidebar_answers import keep_at_work
 from ..machine.scene_world import bias_of
 from ..scene.lights import read_surroundings
 from ..scene.scene_crowd import policy_of, trajectory_of
@@ -44,18 +44,18 @@ def note_build(scene: bpy.types.Scene) -> None:
     _known.pop(scene.session_uid, None)
 
 
+@keep_at_work
 def changed(scene: bpy.types.Scene) -> list[str]:
-    """Return what has changed since the scene's build was made; none without one, or if it does not
-    say.
+    """Return what has changed since the scene's build was made; none if it does not say.
 
-    The answer may be a second old, or as old as the step that is at work: the sidebar asks
-    whenever it is drawn.
+    None without a build, too. The answer may be a second old: the sidebar asks whenever it is
+    drawn.
     """
     if not _tells(scene):
         return []
     now = clock.monotonic()
     looked, sentences = _known.get(scene.session_uid, (-LOOK, []))
-    if now >= looked + LOOK and not (at_work and scene.session_uid in _known):
+    if now >= looked + LOOK:
         sentences = compare(scene)
     return sentences
 

@@ -207,7 +207,7 @@ class Proof:
             if name.startswith("LOD ") and len(columns["id"])
         }
         agents = np.concatenate(
-            [np.empty(0, np.intp), *(columns["id"] for columns in agents_of.values())]
+            [np.empty(0, np.intp), *map(frame_update.indices_in, agents_of.values())]
         )
         levels = np.concatenate(
             [
@@ -232,7 +232,7 @@ class Proof:
             )["LOD 0"]
             name = f"LOD {judged.level}"
             row = {
-                key: values[rows[name]["id"] == judged.agent][:1]
+                key: values[frame_update.indices_in(rows[name]) == judged.agent][:1]
                 for key, values in rows[name].items()
             }
             pairs.append((Shown(full, alone), Shown(lod_points[name], row)))

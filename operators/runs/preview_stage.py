@@ -197,7 +197,11 @@ class Rendered:
                 continue
             points.hide_render = True
             rows = mesh_data.read_points(points.data)
-            tints = colors.index[rows["id"]] if "id" in rows else np.empty(0, np.uint8)
+            tints = (
+                colors.index[frame_update.indices_in(rows)]
+                if "id" in rows
+                else np.empty(0, np.uint8)
+            )
             for tint in np.unique(tints):
                 item = points.copy()
                 del item[render_setup.LEVEL]

@@ -17,8 +17,9 @@ from ...crowd_lod.errors import FAULTS, CrowdError
 from ...crowd_lod.errors import sentence as fault_sentence
 from ...crowd_lod.progress import finished, share, standing
 from ..blender import provenance, scene_cache, scene_data, unfinished
-from ..blender.operator import Stepwise, at_work
+from ..blender.operator import Stepwise
 from ..blender.output_folders import full_path
+from ..blender.sidebar_answers import keep_at_work
 from ..characters.cast_provenance import reading_afresh
 from ..lod_meshes.made_for import outdated
 from ..lod_meshes.make_lods import make_levels
@@ -162,16 +163,17 @@ def _reason_to_bake(
     return (yield from _reason_to_build(scene, thorough))
 
 
+@keep_at_work
 def due_steps(scene: bpy.types.Scene) -> dict[str, str]:
     """Return why each step is due, by its label, as far as the sidebar can tell.
 
-    A step that rests on a due one may become due by it. The answer is kept while it took little
-    of the time, and while a step is at work; look_again() drops it.
+    A step that rests on a due one may become due by it. The answer is kept so long that
+    looks take little of the time; look_again() drops it.
     """
     now = clock.monotonic()
     until, changes, due = _known.get(scene.session_uid, (now, (), {}))
     key = (provenance.changes, reference(scene.crowd_lod))
-    if (now >= until or changes != key) and not (at_work and scene.session_uid in _known):
+    if now >= until or changes != key:
         due = {}
         for step in update_steps(scene):
             with suppress(CrowdError):  # what is wrong is told elsewhere

@@ -154,8 +154,12 @@ def seen_by_kind(rows: Mapping[str, Columns], count: int) -> tuple[dict[str, np.
     agents_of = {}
     strangers = 0
     for kind in UNSEEN_BY:
-        ids = [columns["id"] for name, columns in rows.items() if name.startswith(f"{kind} ")]
-        every = np.concatenate([np.empty(0, np.int32), *ids])
+        agents = [
+            frame_update.indices_in(columns)
+            for name, columns in rows.items()
+            if name.startswith(f"{kind} ")
+        ]
+        every = np.concatenate([np.empty(0, np.int32), *agents])
         known = every[(every >= 0) & (every < count)]
         strangers += len(every) - len(known)
         agents_of[kind] = np.unique(known).astype(np.intp)

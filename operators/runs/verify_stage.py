@@ -141,6 +141,7 @@ def add_twins(stage: bpy.types.Scene, top: bpy.types.Collection) -> None:
         tree.links.new(info.outputs["Geometry"], leave.inputs["Geometry"])
         twin = bpy.data.objects.new(tree.name, bpy.data.meshes.new(tree.name))
         twin[OWNED] = True
+        twin.hide_viewport = True  # the window draws everyone at full detail otherwise
         twin.modifiers.new(tree.name, "NODES").node_group = tree
         for ray in RAYS:
             setattr(twin, f"visible_{ray}", False)

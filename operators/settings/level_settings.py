@@ -85,15 +85,14 @@ class CrowdLodGroup(bpy.types.PropertyGroup):
     )
     variant_of: StringProperty(
         name="Variant Of",
-        description="The group that this is with some of its props, or a part of; empty without",
+        description="The group whose agents wear this; empty if it is a group of agents",
     )
     chance: FloatProperty(
         name="Chance",
         default=1,
         min=0,
         max=1,
-        description="That an agent of the group has just these props, or that this part is drawn "
-        "in its slot",
+        description="That this part is drawn in its slot",
     )
     slot: StringProperty(
         name="Slot",

@@ -199,6 +199,7 @@ def _report_on(
         milliseconds=through.milliseconds,
         left_out=through.left_out,
         crops=(yield from share(drawing, CURVED, 1.0)),
+        worn=len(trajectory.start) - len(trajectory.bare.start),
     )
 
 
@@ -287,8 +288,7 @@ def sentence(planned: PlannedShot) -> str:
     above = max(bill.above(before), 0.0)
     return (
         f"{planned.report.verdict.sentence} "
-        f"{counted(frames, 'frame')} of {counted(len(planned.shot.survey.group), 'agent')} "
-        f"planned. LODs change in sight {counted(int(bill.switches.sum()), 'time')}, by distance "
+        f"{counted(frames, 'frame')} of {planned.report.people} planned. LODs change in sight {counted(int(bill.switches.sum()), 'time')}, by distance "
         f"{counted(int(before.switches.sum()), 'time')}, for {above:.1%} more cost at most{bound}."
         f"{raised}"
     )

@@ -9,13 +9,12 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.behavior.walk import Walk
-from ...crowd_lod.crowd import random_streams, start_places
-from ...crowd_lod.crowd.agents import Crowd, Group, populate
+from ...crowd_lod.crowd import start_places
+from ...crowd_lod.crowd.agents import Crowd, Draw, Group, populate
 from ...crowd_lod.crowd.bounding_spheres import cover_sizes, cover_wardrobes
 from ...crowd_lod.crowd.maps import LabelMap
 from ...crowd_lod.crowd.state_machine import StateMachine
 from ...crowd_lod.crowd.terrain import Ground, Terrain
-from ...crowd_lod.crowd.variants import Draw
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
 from ...crowd_lod.progress import aside
@@ -348,7 +347,6 @@ def _recorded(crowd, groups: tuple[Group, ...], seconds: float) -> Trajectory:
     def make() -> Trajectory:
         lean = widen_for_lean(groups, heights) if crowd.tilt and heights is not None else groups
         group = groups_of_agents(tracks, [group.name for group in groups], draw.groups, crowd.seed)
-        group = draw.draw_variants(group, random_streams.keys_of(crowd.seed, tracks.ids))
         place = crowd.first_frame, crowd.seed, tuple(crowd.center)
         return Recorded(tracks, lean, group, seconds, *place, heights=heights, tilts=crowd.tilt)
 
@@ -388,32 +386,23 @@ def _kept(data: bytes, make: Callable[[], Trajectory]) -> Trajectory:
 
 
 def draw_of(crowd, groups: Sequence[Group]) -> Draw:
-    """Return how the crowd's agents are drawn at random from groups and their variants.
+    """Return how the crowd's agents are drawn at random from groups.
 
-    The crowd may name groups; otherwise all count. A variant that is named without its group counts
-    as a group by itself. CrowdError if there is no group of a name.
+    The crowd may name groups; otherwise all count. CrowdError if there is no group of a name.
     """
     names = names_in(crowd)
-    present = [group.name for group in groups if not group.slot]
+    people = {g: group for g, group in enumerate(groups) if not group.slot}
+    present = [group.name for group in people.values()]
     for name in sorted(names.difference(present)):
         raise CrowdError(
             f"The crowd {crowd.name or 1} asks for the character group {name}, and there is none: "
             f"its Groups may name "
             f"{', '.join(present)}; with none, all are used."
         )
-    families: dict[str, list[int]] = {}
-    for g, group in enumerate(groups):
-        if group.slot:  # agents wear it, and are none
-            continue
-        of_all = not names or group.variant_of in names
-        if of_all or group.name in names:
-            families.setdefault(
-                group.variant_of if of_all and group.variant_of else group.name, []
-            ).append(g)
-    shares = tuple(groups[family[0]].share for family in families.values())
+    named = tuple(g for g, group in people.items() if not names or group.name in names)
+    shares = tuple(groups[g].share for g in named)
     alike = len(set(shares)) == 1 and shares[0] > 0
-    variants = tuple(tuple((g, groups[g].chance) for g in family) for family in families.values())
-    return Draw(len(shares) if alike else shares, variants)
+    return Draw(len(shares) if alike else shares, named)
 
 
 def widen_for_lean(groups: tuple[Group, ...], heights: Ground) -> tuple[Group, ...]:

@@ -3,12 +3,11 @@
 import bpy
 import numpy as np
 
-from ...crowd_lod.crowd.agents import MOST_AGENTS, Group
+from ...crowd_lod.crowd.agents import MOST_AGENTS, Draw, Group
 from ...crowd_lod.crowd.maps import FARTHEST
-from ...crowd_lod.crowd.variants import Draw
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
-from ...crowd_lod.sources.points import Points, Snapshot, draw_for, draw_group_variants
+from ...crowd_lod.sources.points import Points, Snapshot, draw_for
 from ..blender import scene_data
 
 WHOLE = "INT", "INT8"  # types of attributes
@@ -49,11 +48,7 @@ def points_of_crowd(  # noqa: PLR0913 - what a crowd of points depends on
     seed = crowd.seed
     drawn_groups = draw.groups
     names = tuple(groups[g].name for g in drawn_groups)
-    snapshot = draw_group_variants(
-        read_points(crowd.points, depsgraph, scene.crowd_lod.forward, drawn_groups, names),
-        seed,
-        draw,
-    )
+    snapshot = read_points(crowd.points, depsgraph, scene.crowd_lod.forward, drawn_groups, names)
     if snapshot.ids is None and crowd.points_count not in (0, len(snapshot.x)):
         raise CrowdError(
             f"The object {crowd.points.name} has {counted(len(snapshot.x), 'point')}, and had "

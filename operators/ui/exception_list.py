@@ -12,18 +12,16 @@ class CROWDLOD_UL_exceptions(SwitchedRow, bpy.types.UIList):
 
     @staticmethod
     def words(item) -> str:
-        return describe_exception(item)
-
-
-def describe_exception(item) -> str:
-    """Return what an exception asks for, in few words."""
-    words = {
-        "NEVER_COARSER": f"LOD {item.level} or finer",
-        "ALWAYS": f"LOD {item.level}",
-        "HIDE": "hidden",
-    }
-    words |= {"NUDGE": "nudged", "TURN": "turned", "GROUP": item.group_name}
-    return words.get(item.kind, "unknown")  # of another version's file
+        """Return what an exception asks for, in few words."""
+        words = {
+            "NEVER_COARSER": f"LOD {item.level} or finer",
+            "ALWAYS": f"LOD {item.level}",
+            "HIDE": "hidden",
+            "NUDGE": "nudged",
+            "TURN": "turned",
+            "GROUP": item.group_name,
+        }
+        return words.get(item.kind, "unknown")  # of another version's file
 
 
 class CROWDLOD_OT_add_exception(Reporting, bpy.types.Operator):

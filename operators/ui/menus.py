@@ -9,6 +9,7 @@ from .agent_edits import BUTTONS
 WORK = (
     "characters_from_selection",
     "populate",
+    "make_slot",
     "mark_as_prop",
     "give_lod",
     "take_action",

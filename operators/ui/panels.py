@@ -12,11 +12,7 @@ from ... import sample_scenes
 from ...crowd_lod.behavior.walk import walks_of
 from ...crowd_lod.format import counted
 from ...crowd_lod.levels.cost_model import NAMES
-from ..blender import operator
-from ..blender.props import PROP
 from ..blender.scene_data import engine_of
-from ..characters.prop_button import props_in
-from ..lod_meshes.made_for import changed, edited, forecast
 from ..overlay import viewport_overlay
 from ..runs.update_all import due_steps
 from ..settings import needs
@@ -38,6 +34,7 @@ from .drawing import (
     wide,
 )
 from .step_panel import Sidebar, Step, help_button, presets_button
+from .wardrobe_panel import CROWDLOD_PT_wardrobes
 
 
 class CROWDLOD_PT_main(Sidebar, bpy.types.Panel):
@@ -70,7 +67,7 @@ def _update_row(layout, scene: bpy.types.Scene) -> None:
     """Draw the button that does all steps which are due; gray where none is."""
     row = layout.row()
     text = "Update All"
-    if not (operator.at_work or needs.crowd(scene) or needs.camera(scene)):
+    if not (needs.crowd(scene) or needs.camera(scene)):
         due = due_steps(scene)
         words = {"Make LOD Meshes": "Make", "Plan Shot": "Plan"}
         names = ", ".join(words.get(step, step) for step in due)
@@ -153,12 +150,6 @@ class CROWDLOD_PT_crowd_advanced(Step, bpy.types.Panel):
             layout.row().prop(group, "scale", text=f"{group.name} Scale", translate=False)
         for group in [group for group in groups if group.lowest][:MOST_ROWS]:
             layout.prop(group, "on_ground", text=f"{group.name} on Ground", translate=False)
-        props = props_in(context.scene)
-        if props:
-            label(layout, "Chance of Props")
-        for item in props[:MOST_ROWS]:
-            layout.prop(item, f'["{PROP}"]', text=item.name, translate=False)
-        button(layout, "crowd_lod.mark_as_prop", icon="MOD_CLOTH")
         button(layout, "crowd_lod.give_lod", icon="MOD_DECIM")
         button(layout, "crowd_lod.take_action", icon="ACTION")
 
@@ -272,18 +263,15 @@ class CROWDLOD_PT_levels(Step, bpy.types.Panel):
 
     def draw_made(self, context, layout, settings) -> None:
         """Draw two lines: what has changed since LODs were made, and about what others would be."""
-        change = forecast(context.scene)
         line = letters_of(context)
-        since = [
-            f"{name} (was {then})" for name, (then, _) in changed(context.scene).items()
-        ] + edited(context.scene)
+        since, other_lods = steps.news_of_lods(context.scene)
         sentence = "Press Make LOD Meshes" if settings.levels is None else "LOD meshes are made"
         if since:
             sentence = f"Changed: {', '.join(since)}"
         label(
             layout, shorten(sentence, line, placeholder="..."), "FILE_REFRESH" if since else "INFO"
         )
-        label(layout, shorten(change.short if change else "", line, placeholder="..."), "BLANK1")
+        label(layout, shorten(other_lods, line, placeholder="..."), "BLANK1")
         without = (
             f"no LOD pays in {NAMES[engine_of(context.scene)]}"
             if settings.choice == "BY_TOLERANCE"
@@ -397,6 +385,7 @@ CLASSES = (
     CROWDLOD_PT_main,
     CROWDLOD_PT_crowd,
     CROWDLOD_PT_groups,
+    CROWDLOD_PT_wardrobes,
     CROWDLOD_PT_crowd_advanced,
     CROWDLOD_PT_samples,
     CROWDLOD_PT_behavior,

@@ -6,7 +6,6 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
 from ...crowd_lod.shot.budget_points import budget_sentence, fitting_point
 from ..blender.machine_costs import calibration_of
-from ..blender.operator import at_work
 from ..hand_over.lacks import Lack, lacks_of
 from ..hand_over.sizes import sizes_of
 from ..overlay import viewport_overlay
@@ -309,7 +308,7 @@ class CROWDLOD_PT_hand_over(Step, bpy.types.Panel):
 
     def body(self, context, layout, settings) -> None:
         scene = context.scene
-        lacks = [] if at_work or needs.crowd(scene) or needs.camera(scene) else _lacks(scene)
+        lacks = [] if needs.crowd(scene) or needs.camera(scene) else _lacks(scene)
         for lack in lacks:
             _draw_lack(layout, lack, letters_of(context))
         if not sizes_of(settings):
@@ -328,7 +327,7 @@ class CROWDLOD_PT_hand_over(Step, bpy.types.Panel):
         button(column, "crowd_lod.write_farm_job", icon="NETWORK_DRIVE")
         frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
         tasks = counted(-(-len(frames) // settings.farm_chunk), "task")
-        size = sizes_of(settings).get("crowd_lod.bake")
+        size = sizes_of(settings).get("crowd_lod.write_farm_job")
         label(column, f"{tasks}{f', each opens {size.file}' if size else ''}", "FILE")
 
     def bake(self, context, layout) -> None:

@@ -4,7 +4,8 @@ import bpy
 
 from ...crowd_lod.simplification.decimate import missing_library
 from ..blender.guard import troubles_of
-from ..lod_meshes.made_for import forecast, outdated
+from ..blender.sidebar_answers import keep_at_work
+from ..lod_meshes.made_for import changed, edited, forecast, outdated
 from ..overlay import viewport_overlay
 from ..overlay.appearance import missing_groups
 from ..render_setup import staleness
@@ -16,6 +17,7 @@ from ..settings import needs
 from ..sources import crowd_sources
 
 
+@keep_at_work
 def next_operator(scene: bpy.types.Scene) -> str:
     """Return the operator that comes next in the work; "" once the shot is proved."""
     settings = scene.crowd_lod
@@ -39,11 +41,20 @@ def builder_of(scene: bpy.types.Scene) -> str:
     return "crowd_lod.bake" if build is not None and BAKED in build else "crowd_lod.build"
 
 
+@keep_at_work
+def news_of_lods(scene: bpy.types.Scene) -> tuple[list[str], str]:
+    """Return what has changed since the LODs were made, and a line on what others would be."""
+    settings_changed = [f"{name} (was {then})" for name, (then, _) in changed(scene).items()]
+    change = forecast(scene)
+    return settings_changed + edited(scene), change.short if change else ""
+
+
 def label_of(operator: str) -> str:
     """Return the label of an operator, such as crowd_lod.populate."""
     return getattr(bpy.ops.crowd_lod, operator.partition(".")[2]).get_rna_type().name
 
 
+@keep_at_work
 def messages(scene: bpy.types.Scene) -> list[tuple[str, str]]:
     """Return (sentence, icon) of all that the user should know, the most urgent first."""
     settings = scene.crowd_lod
@@ -59,8 +70,8 @@ def messages(scene: bpy.types.Scene) -> list[tuple[str, str]]:
     lines = [(sentence, "ERROR") for sentence in dict.fromkeys(errors) if sentence]
     if operator := next_operator(scene):
         lines.append((f"Next: {label_of(operator)}", "FORWARD"))
-    if changed := staleness.changed(scene):
-        lines.append((f"Changed since Build: {', '.join(changed)}", "FILE_REFRESH"))
+    if names := staleness.changed(scene):
+        lines.append((f"Changed since Build: {', '.join(names)}", "FILE_REFRESH"))
     lines += [
         (note, "FILE_REFRESH") for note in crowd_sources.outdated(scene) if note not in errors
     ]

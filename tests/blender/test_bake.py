@@ -251,6 +251,7 @@ def test_names_and_paths_of_any_script_and_scenes_with_more_than_the_crowd(scene
     scene.view_layers[0].layer_collection.children["caché"].exclude = True
     hidden.objects.link(bpy.data.objects.new("œil", bpy.data.cameras.new("œil")))
     bpy.data.scenes.new("другая")
+    list(make_levels(scene))
     folder = tmp_path / "mon dossier é"
     folder.mkdir()
     bpy.ops.wm.save_as_mainfile(filepath=str(folder / "la foule.blend"))

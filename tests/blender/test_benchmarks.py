@@ -20,7 +20,17 @@ def bench(monkeypatch):
     import chapter_tests
 
     yield chapter_tests
-    for name in ("bench", "chapter_tests", "peers", "loop", "walkers", "drawn", "worth", "ways"):
+    for name in (
+        "bench",
+        "chapter_tests",
+        "peers",
+        "loop",
+        "walkers",
+        "drawn",
+        "jobs",
+        "worth",
+        "ways",
+    ):
         sys.modules.pop(name, None)
 
 
@@ -111,8 +121,8 @@ def agents_by_lod(scene):
 @pytest.mark.skipif(bpy.app.version < (5, 0, 0), reason="bench --worth needs Blender 5")
 @pytest.mark.parametrize("way", ["everyone", "camera cull", "geometry nodes"])
 def test_a_way_to_render_shows_whom_it_says_and_its_cost_is_measured(bench, built, tmp_path, way):
+    import jobs
     import ways
-    import worth
     from crowd_lod_extension.operators.scene.scene_crowd import frame_of
 
     number = ways.FRAMES[-1]  # at which the nodes are aimed
@@ -144,17 +154,17 @@ def test_a_way_to_render_shows_whom_it_says_and_its_cost_is_measured(bench, buil
         "width": 32,
         "samples": 1,
     }
-    row = worth.job(120, file=str(tmp_path / "way.blend"), **asked)
+    row = jobs.job(120, file=str(tmp_path / "way.blend"), **asked)
     assert 0 < row["export_s"] <= row["render_s"] and row["cpu_s"] > 0 and row["peak_mb"] > 100
     assert picture.exists()
 
 
 def test_a_render_that_fails_or_takes_too_long_says_so(bench, tmp_path):
-    import worth
+    import jobs
 
     assert (
         "exit status 1"
-        in worth.job(
+        in jobs.job(
             60,
             job="render",
             file=str(tmp_path / "no.blend"),
@@ -165,7 +175,7 @@ def test_a_render_that_fails_or_takes_too_long_says_so(bench, tmp_path):
             samples=1,
         )["ended"]
     )
-    assert worth.job(0.01, job="render")["ended"] == "not done in 0.01 s"
+    assert jobs.job(0.01, job="render")["ended"] == "not done in 0.01 s"
 
 
 def test_goals_name_the_rows_that_miss_them(bench):

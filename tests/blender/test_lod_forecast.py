@@ -24,15 +24,27 @@ def parts_after_making(scene) -> dict[str, list[float]]:
     }
 
 
-def test_what_is_foretold_is_about_what_is_made(scene):
+@pytest.fixture
+def adults(kept, request):
+    """A crowd of one character, with LODs by tolerance."""
+    path = kept / "adults by tolerance.blend"
+    if not path.exists():
+        scene = request.getfixturevalue("scene")
+        settings = scene.crowd_lod
+        settings.characters.children.unlink(settings.characters.children["child"])
+        settings.choice = "BY_TOLERANCE"
+        settings.tolerance = 1.0
+        settings.frames = "1:20"
+        list(make_levels(scene))
+        bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
+    bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False)
+    return bpy.context.scene
+
+
+def test_what_is_foretold_is_about_what_is_made(adults):
+    scene = adults
     settings = scene.crowd_lod
-    settings.characters.children.unlink(settings.characters.children["child"])
     lens = scene.camera.data
-    settings.choice = "BY_TOLERANCE"
-    settings.tolerance = 1.0
-    settings.frames = "1:20"
-    settings.method = "DECIMATE"
-    settings.count = 300
     before = parts_after_making(scene)
     assert forecast(scene) is None
     for change, farther in (
@@ -46,25 +58,15 @@ def test_what_is_foretold_is_about_what_is_made(scene):
         assert any(told.sentence in sentence for sentence, _ in steps.messages(scene))
         after = parts_after_making(scene)
         foretold = {name: then for name, _, then in told.rows}
-        for (
-            name,
-            then,
-        ) in (
-            foretold.items()
-        ):  # how coarse is guessed where nothing was made yet, but not which way
+        # how coarse is guessed where nothing was made yet, but not which way
+        for name, then in foretold.items():
             assert (then[-1] < before[name][-1]) == (after[name][-1] < before[name][-1]), name
         before = after
 
 
-def test_what_is_spoilt_or_takes_long_foretells_nothing(scene):
+def test_what_is_spoilt_or_takes_long_foretells_nothing(adults):
+    scene = adults
     settings = scene.crowd_lod
-    settings.choice = "BY_TOLERANCE"
-    settings.tolerance = 1.0
-    settings.frames = "1:20"
-    settings.method = "DECIMATE"
-    settings.count = 50
-    settings.characters.children.unlink(settings.characters.children["child"])
-    parts_after_making(scene)
     settings.tolerance = 6.0
     assert forecast(scene) is not None
     settings.memory = 1.0
@@ -86,14 +88,9 @@ def told_of(scene) -> str:
     )
 
 
-def test_lods_that_lack_what_the_settings_ask_for_are_to_be_made_again(scene):
+def test_lods_that_lack_what_the_settings_ask_for_are_to_be_made_again(adults):
+    scene = adults
     settings = scene.crowd_lod
-    settings.characters.children.unlink(settings.characters.children["child"])
-    settings.choice = "BY_TOLERANCE"
-    settings.count = 20
-    settings.frames = "1:20"
-    settings.method = "DECIMATE"
-    parts_after_making(scene)
     assert not told_of(scene) and steps.next_operator(scene) != "crowd_lod.make_levels"
     settings.choice = "BY_RATIO"
     settings.level_count = 6
@@ -123,15 +120,11 @@ def test_lods_that_lack_what_the_settings_ask_for_are_to_be_made_again(scene):
 
 
 @pytest.mark.parametrize("spoilt", ["", "[]", "[1]", "{", 7, '{"ratios": 3}'])
-def test_lods_with_a_spoilt_note_are_told_of_without_an_error(scene, spoilt):
-    settings = scene.crowd_lod
-    settings.choice = "BY_RATIO"
-    settings.level_count = 2
-    settings.method = "DECIMATE"
-    parts_after_making(scene)
+def test_lods_with_a_spoilt_note_are_told_of_without_an_error(levelled, spoilt):
+    settings = levelled.crowd_lod
     settings.levels[MADE_FOR] = spoilt
-    settings.level_count = 3
-    assert "levels 2 (now 3)" in told_of(scene)
+    settings.level_count = 4
+    assert "levels 3 (now 4)" in told_of(levelled)
 
 
 def test_lods_of_characters_that_were_edited_are_to_be_made_again_and_those_that_only_move_are_not(
@@ -140,9 +133,7 @@ def test_lods_of_characters_that_were_edited_are_to_be_made_again_and_those_that
     monkeypatch.setattr(cast_provenance, "PAUSE", 0.0)
     monkeypatch.setattr(staleness, "LOOK", 0.0)
     settings = scene.crowd_lod
-    settings.choice = "BY_RATIO"
     settings.level_count = 2
-    settings.method = "DECIMATE"
     settings.count = 20
     mesh = next(item for item in settings.characters.all_objects if item.type == "MESH")
     for frame, height in ((1, 0.0), (20, 0.3)):

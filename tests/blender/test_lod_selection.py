@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from bpy_extras.object_utils import world_to_camera_view
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.operators.characters import group_measuring, stored_groups
+from crowd_lod_extension.operators.characters import stored_groups
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.render_setup import render_setup
 from crowd_lod_extension.operators.scene import scene_crowd
 from mathutils import Vector
 
 FINER = -1  # coarser characters have a LOD that loses nothing
+MADE = "by tolerance.blend"
 
 
 @pytest.fixture
@@ -25,10 +26,11 @@ def tolerant(scene):
 
 
 @pytest.mark.once
-def test_as_many_are_made_as_pay_and_the_build_shows_them(tolerant):
+def test_as_many_are_made_as_pay_and_the_build_shows_them(tolerant, kept):
     settings = tolerant.crowd_lod
     before = set(bpy.data.user_map())
     list(make_levels(tolerant))
+    bpy.ops.wm.save_as_mainfile(filepath=str(kept / MADE), copy=True)
     groups = stored_groups.groups_of(settings)
     count = stored_groups.count_of(settings)
     assert count == len(settings.levels.children) == max(len(set(g.triangles)) for g in groups) >= 2
@@ -69,20 +71,22 @@ def test_as_many_are_made_as_pay_and_the_build_shows_them(tolerant):
     assert stored_groups.groups_of(settings) == groups
 
 
-def make_by_tolerance(scene, pixels=1.0):
-    people = scene.crowd_lod.characters.children
-    people.unlink(people["adult"])
-    scene.crowd_lod.tolerance = pixels
-    stored_groups.store_groups(scene.crowd_lod, group_measuring.measure_groups(scene))
-    list(make_levels(scene))
-    return scene.crowd_lod
+@pytest.fixture
+def made(kept, request):
+    """That crowd with its LODs, as the test before saved it."""
+    if not (kept / MADE).exists():
+        list(make_levels(request.getfixturevalue("tolerant")))
+        bpy.ops.wm.save_as_mainfile(filepath=str(kept / MADE), copy=True)
+    bpy.ops.wm.open_mainfile(filepath=str(kept / MADE), load_ui=False)
+    return bpy.context.scene
 
 
 @pytest.mark.once
-def test_at_the_switch_distance_the_bound_spans_the_tolerance_in_blender_s_own_camera(tolerant):
-    settings = make_by_tolerance(tolerant, 2.0)
-    camera = tolerant.camera
-    render = tolerant.render
+def test_at_the_switch_distance_the_bound_spans_the_tolerance_in_blender_s_own_camera(made):
+    settings = made.crowd_lod
+    settings.tolerance = 2.0
+    camera = made.camera
+    render = made.render
     camera.location = (0, 0, 0)
     camera.rotation_euler = (0, 0, 0)
     for lens, width in ((35, 640), (120, 640), (35, 1920)):
@@ -90,30 +94,29 @@ def test_at_the_switch_distance_the_bound_spans_the_tolerance_in_blender_s_own_c
         render.resolution_x = width
         render.resolution_y = width * 9 // 16
         bpy.context.view_layer.update()
-        frame = scene_crowd.frame_of(tolerant, bpy.context.evaluated_depsgraph_get())
+        frame = scene_crowd.frame_of(made, bpy.context.evaluated_depsgraph_get())
         for group, begins in zip(stored_groups.groups_of(settings), frame.begins, strict=True):
             for meters, begin in zip(group.bounds[1:], begins[np.isfinite(begins)], strict=False):
                 depth = -(begin - group.radius)  # of the sphere's nearest point
                 ends = [
-                    world_to_camera_view(tolerant, camera, Vector((x, 0, depth)))
-                    for x in (0, meters)
+                    world_to_camera_view(made, camera, Vector((x, 0, depth))) for x in (0, meters)
                 ]
                 assert (ends[1].x - ends[0].x) * width == pytest.approx(2.0, rel=1e-4)
 
 
 @pytest.mark.once
-def test_tolerance_reaches_the_frame_and_a_wrong_one_is_refused(tolerant):
-    settings = make_by_tolerance(tolerant)
+def test_tolerance_reaches_the_frame_and_a_wrong_one_is_refused(made):
+    settings = made.crowd_lod
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    one = scene_crowd.frame_of(tolerant, depsgraph)
+    one = scene_crowd.frame_of(made, depsgraph)
     settings.tolerance = 4
-    four = scene_crowd.frame_of(tolerant, depsgraph)
+    four = scene_crowd.frame_of(made, depsgraph)
     assert (four.levels >= one.levels).all() and four.triangles < one.triangles
     assert (np.diff(one.begins, axis=1) >= 0).all()
     for wrong in (0, float("nan")):
         settings.tolerance = wrong
         with pytest.raises(CrowdError, match="tolerance"):
-            scene_crowd.frame_of(tolerant, depsgraph)
+            scene_crowd.frame_of(made, depsgraph)
     settings.choice = "BY_RATIO"
     assert scene_crowd.policy_of(settings).thresholds == (0.2, 0.5)
 

@@ -25,7 +25,7 @@ def test_error_report_leaves_tables_and_plots(tmp_path, capfd):
             "--out",
             tmp_path / "out",
             "--repeats",
-            2,
+            1,
             "--quiet",
             "--json",
         )

@@ -7,11 +7,17 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.shot.shot_cost import work_in
 from crowd_lod_extension.operators.blender import scene_data
+from crowd_lod_extension.operators.blender.material_colors import BY_AGENT, Looks
+from crowd_lod_extension.operators.blender.mesh_data import read_points
+from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
 from crowd_lod_extension.operators.characters.characters import all_characters
 from crowd_lod_extension.operators.characters.group_measuring import measure_groups
 from crowd_lod_extension.operators.characters.stored_groups import store_groups
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from crowd_lod_extension.operators.overlay.agent_colors import by_material
+from crowd_lod_extension.operators.overlay.skinned_characters import Character
 from crowd_lod_extension.operators.render_setup import bake
+from crowd_lod_extension.operators.render_setup.render_setup import points_of
 from crowd_lod_extension.operators.scene.scene_crowd import frame_of, trajectory_of
 from crowd_lod_extension.operators.shot.shot_plan import PlanRequest, plan_shot, write_levels
 
@@ -171,6 +177,9 @@ def test_plan_build_and_bake_show_each_part_where_its_wearer_is(dressed, tmp_pat
     assert len(set(plan.stored.phases.shift.tolist())) > 1
     assert (crowd.phase_class == crowd.phase_class[trajectory.wearer]).all()
     agents = frame.buckets.order
+    built = read_points(points_of(scene.crowd_lod.build)["LOD 0"].data)
+    assert set(built["row"]) == set(agents.tolist())
+    assert (built["id"] == trajectory.wearer[built["row"]]).all()
     visible = [points for level, points in instances(scene) if level == 0]
     assert len(visible) == len(agents) > len(frame.without_worn(frame.buckets).order)
     for g in range(5):
@@ -184,3 +193,65 @@ def test_plan_build_and_bake_show_each_part_where_its_wearer_is(dressed, tmp_pat
         points += [crowd.x[agent], crowd.y[agent], crowd.z[agent]]
         same = [other for other in visible if other.shape == points.shape]
         assert min(abs(other - points).max() for other in same) < 2e-4
+
+
+def test_make_slot_takes_what_is_selected_or_changes_nothing(scene):
+    cap = ball("cap", 0.2, (0, 0, 1.8), "head")
+    crown = ball("crown", 0.4, (0, 0, 1.9), "head")
+    with pytest.raises(RuntimeError, match="Select objects of one character group first"):
+        bpy.ops.crowd_lod.make_slot()
+    for item in (bpy.data.objects["adult"], cap, crown):
+        item.select_set(True)
+    with pytest.raises(RuntimeError, match="All meshes of the character group adult are props or"):
+        bpy.ops.crowd_lod.make_slot(slot="hat")
+    adult = bpy.data.collections["adult"]
+    assert not adult.children and cap.users_collection == (adult,) and "share" not in cap
+    bpy.ops.object.select_all(action="DESELECT")
+    cap.select_set(True)
+    bpy.ops.crowd_lod.make_slot(slot="hat", none=0.5)
+    cap.select_set(False)
+    crown.select_set(True)
+    bpy.ops.crowd_lod.make_slot(slot="hat")
+    (home,) = adult.children
+    assert home.name == "slot: hat" and set(home.objects) == {cap, crown} and home["none"] == 0.5
+    assert [(part.name, part.chance) for part in all_characters(scene)[1:3]] == [
+        ("adult + cap", 0.4),
+        ("adult + crown", 0.4),
+    ]
+
+
+def color_ramp(name, color):
+    """A material that varies with `looks`: black, and from 0.5 on `color`."""
+    material = bpy.data.materials.new(name)
+    tree = switch_nodes_on(material)
+    nodes = tree.nodes
+    number = nodes.new("ShaderNodeAttribute")
+    number.attribute_type = "INSTANCER"
+    number.attribute_name = "looks"
+    ramp = nodes.new("ShaderNodeValToRGB")
+    ramp.color_ramp.interpolation = "CONSTANT"
+    ramp.color_ramp.elements[1].position = 0.5
+    ramp.color_ramp.elements[1].color = color
+    tree.links.new(number.outputs["Fac"], ramp.inputs["Fac"])
+    tree.links.new(ramp.outputs["Color"], nodes["Principled BSDF"].inputs["Base Color"])
+    return material
+
+
+def test_the_overlay_colors_each_part_by_its_looks(dressed):
+    looks = Looks()
+    red = (1, 0, 0, 1)
+    assert looks.of(color_ramp("caps", red)) == (0.5, 0, 0, BY_AGENT)
+    assert looks.of(color_ramp("feathers", (0, 0, 1, 1)))[3] == -1  # an agent has one color
+    trajectory = populated(dressed)
+    none = np.empty(0)
+    cast = [
+        Character(group.name, none, (), none, np.full(3, 0.2), 0.0, None, ramp=ramp)
+        for group in trajectory.groups
+        for ramp in [looks.ramp if group.name == "adult + cap" else None]
+    ]
+    frame = frame_of(dressed, bpy.context.evaluated_depsgraph_get())
+    colors = by_material(frame, cast)
+    caps = frame.crowd.group == [part.name for part in cast].index("adult + cap")
+    shown = colors.palette[colors.index]
+    assert (shown[caps] == np.where(trajectory.looks[caps, None] < 0.5, (0, 0, 0, 1), red)).all()
+    assert (shown[~caps, :3] == np.float32(0.2)).all() and caps.sum() > 20

@@ -1,11 +1,9 @@
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.crowd import random_streams
-from crowd_lod_extension.crowd_lod.crowd.agents import Group, populate
+from crowd_lod_extension.crowd_lod.crowd.agents import Draw, Group, populate
 from crowd_lod_extension.crowd_lod.crowd.bounding_spheres import bounding_sphere, cover_sizes
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
-from crowd_lod_extension.crowd_lod.crowd.variants import Draw
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 
 MACHINE = load_preset("chapter")
@@ -45,33 +43,10 @@ def test_groups_get_their_shares_of_the_agents():
         populate(10, 1, (0.0, 0.0), MACHINE, WORLD)
 
 
-@pytest.mark.parametrize(
-    "count", [20_000, 60_000]
-)  # from 40,000 on places order the agents of a variant
-def test_variants_are_drawn_within_their_group(count):
-    draw = Draw((3.0, 1.0), (((0, 0.25), (1, 0.6), (4, 0.15)), ((5, 1.0),)))
-    crowd = populate(count, 1, draw, MACHINE, WORLD)
-    plain = populate(count, 1, (3.0, 1.0), MACHINE, WORLD)
-    assert (np.diff(crowd.group) >= 0).all() and set(crowd.group) == {0, 1, 4, 5}
-    assert np.count_nonzero(crowd.group == 5) == np.count_nonzero(plain.group == 1)
-    assert sorted(crowd.x) == sorted(plain.x)
-    adults = np.count_nonzero(plain.group == 0)
-    for group, part in ((0, 0.25), (1, 0.6), (4, 0.15)):
-        assert abs(np.count_nonzero(crowd.group == group) - adults * part) < 5 * np.sqrt(
-            adults * part * (1 - part)
-        )
-
-
-def test_a_variant_depends_on_the_agents_key_alone():
-    draw = Draw(2, (((0, 0.5), (1, 0.5)), ((2, 1.0),)))
-    keys = random_streams.keys(3, 1000)
-    group = np.repeat(np.array([0, 2], np.uint8), 500)
-    found = draw.draw_variants(group, keys)
-    order = np.random.default_rng(1).permutation(1000)
-    assert (draw.draw_variants(group[order], keys[order]) == found[order]).all() and (
-        found[500:] == 2
-    ).all()
-    assert 200 < np.count_nonzero(found[:500] == 1) < 300
+def test_agents_are_drawn_from_some_of_the_groups():
+    crowd = populate(20_000, 1, Draw((3.0, 1.0), (1, 4)), MACHINE, WORLD)
+    plain = populate(20_000, 1, (3.0, 1.0), MACHINE, WORLD)
+    assert (crowd.group == np.array([1, 4])[plain.group]).all() and (crowd.x == plain.x).all()
 
 
 @pytest.mark.parametrize("count", [0, -1, 10_000_001])

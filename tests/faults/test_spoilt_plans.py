@@ -270,9 +270,9 @@ def test_run_json_starts_nothing_but_preview_and_verify(registered, tmp_path, ca
         if found is not None:
             read += 1
             assert (
-                found[0].does in ("preview", "verify")
-                and found[0].into == path.parent
-                and found[0].part is None
+                found.does in ("preview", "verify")
+                and found.into == path.parent
+                and found.part is None
             )
     assert 0 < read < TRIALS
     told = capfd.readouterr()

@@ -1,7 +1,7 @@
 """The second day of docs/tutorial.md's shot, after the director's change.
 
 Another lens and path, one agent overridden, one deleted, a budget; then the proof, and all that the
-panel Hand Over makes without OpenUSD. `perform` goes on where the tutorial ends, in the same window.
+panel Hand Over makes without OpenUSD. `perform` goes on where the tutorial ends, in its window.
 """
 
 import sys
@@ -19,32 +19,37 @@ freezes = {}
 
 
 class Watch:
-    """Notes the longest time in which Blender answered nothing.
+    """Notes the longest time in which Blender answered nothing, but for renders.
 
-    Seconds of the clock, and processor seconds of Blender's own thread, which other processes and
-    the threads of software OpenGL do not count in.
+    In processor seconds of Blender's own thread: neither other processes nor the threads of
+    software OpenGL count.
     """
 
     def __init__(self):
-        self._longest = [0.0, 0.0]
+        self._longest = 0.0
         self._stopped = False
-        self._last = _now()
+        self._last = self._render = time.thread_time()
+        bpy.app.handlers.render_init.append(self._begin_render)
+        bpy.app.handlers.render_complete.append(self._end_render)
         bpy.app.timers.register(self._tick)
 
+    def _begin_render(self, *_):
+        self._render = time.thread_time()
+
+    def _end_render(self, *_):
+        self._last += time.thread_time() - self._render
+
     def _tick(self):
-        now = _now()
-        gaps = [after - before for after, before in zip(now, self._last, strict=True)]
-        self._longest = [*map(max, self._longest, gaps)]
+        now = time.thread_time()
+        self._longest = max(self._longest, now - self._last)
         self._last = now
         return None if self._stopped else TICK
 
-    def stop(self) -> list[float]:
+    def stop(self) -> float:
         self._stopped = True
-        return [round(seconds, 2) for seconds in self._longest]
-
-
-def _now() -> tuple[float, float]:
-    return time.monotonic(), time.thread_time()
+        bpy.app.handlers.render_init.remove(self._begin_render)
+        bpy.app.handlers.render_complete.remove(self._end_render)
+        return round(self._longest, 3)
 
 
 def press(button: str, **properties):

@@ -19,6 +19,7 @@ ELSEWHERE = {
     "erase",
     "machine_follow",
     "machine_unfollow",
+    "make_slot",
     "mark_as_prop",
 }
 

@@ -1,8 +1,9 @@
-"""The five minutes of docs/tutorial.md: blender --python tutorial.py -- FOLDER.
+"""The five minutes of docs/tutorial.md: blender --python tutorial.py -- FOLDER [page].
 
 Starts where a user starts: Blender's default scene, with a character of their own in place of the
 cube. Then clicks the blue button of the sidebar, again and again, and takes a picture after each
-step.
+step. The second day follows (second_day.py), unless the pictures are for the page: its character is
+fine, and its shot longer.
 """
 
 import json
@@ -19,8 +20,9 @@ sys.path[:0] = map(str, Path(__file__).parents[:2])
 import robot  # noqa: E402
 import second_day  # noqa: E402
 from robot import scene, settings  # noqa: E402
+from support.coarse_characters import CAGE  # noqa: E402
 
-FOLDER, *SECOND_DAY = sys.argv[sys.argv.index("--") + 1 :]
+FOLDER, *FOR_PAGE = sys.argv[sys.argv.index("--") + 1 :]
 FOLDER = Path(FOLDER)
 PICTURES = "1_start 2_characters 3_crowd 4_lods 5_plan 6_build 7_verified".split()
 WIDE = 1000  # pixels of a picture
@@ -53,7 +55,7 @@ def session():
     results["verified"] = json.loads(
         (FOLDER / "output" / "verify" / "verify.json").read_text(encoding="utf-8")
     )["ok"]
-    if SECOND_DAY:
+    if not FOR_PAGE:
         results["second day"] = yield from second_day.perform(FOLDER)
 
 
@@ -66,7 +68,9 @@ def own_scene():
     characters, scenery = (
         import_module(f"{robot.MODULE}.sample_scenes.{name}") for name in ("characters", "scenery")
     )
-    (group,) = characters.make_characters(scene().collection, builds=characters.BUILDS[:1])
+    (group,) = characters.make_characters(
+        scene().collection, builds=characters.BUILDS[:1], finer=0 if FOR_PAGE else CAGE
+    )
     rig, mesh = group.objects
     for item in (rig, mesh):
         scene().collection.children["Collection"].objects.link(item)
@@ -81,7 +85,7 @@ def own_scene():
     settings().verify_count = 1
     settings().verify_width = 160
     settings().output_folder = str(FOLDER / "output")
-    if SECOND_DAY:  # no pictures of the page
+    if not FOR_PAGE:
         scene().frame_end = 8
         scene().render.resolution_percentage = 50
         bpy.context.preferences.system.viewport_aa = "OFF"
