@@ -327,7 +327,7 @@ class CROWDLOD_PT_hand_over(Step, bpy.types.Panel):
         button(column, "crowd_lod.write_farm_job", icon="NETWORK_DRIVE")
         frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
         tasks = counted(-(-len(frames) // settings.farm_chunk), "task")
-        size = sizes_of(settings).get("crowd_lod.bake")
+        size = sizes_of(settings).get("crowd_lod.write_farm_job")
         label(column, f"{tasks}{f', each opens {size.file}' if size else ''}", "FILE")
 
     def bake(self, context, layout) -> None:
