@@ -98,7 +98,7 @@ MEMORY: dict[str, dict[str, float]] = {
     "EEVEE": {
         "posed": 60,
         "unique": 105,
-        "instances": 1800,
+        "instances": 5000,
         "bones": 14_700,
         "images": 1.56,
         "image_count": 10_800_000,
