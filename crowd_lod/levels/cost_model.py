@@ -30,6 +30,7 @@ class Work:
     Each field is a number, or (F,) float64 with one value per frame.
     posed: triangles of the characters in the build's collections.
     unique: triangles that the frame shows, each counted once for all instances.
+    split: those of them whose corners have normals of their own.
     instances: agents shown.
     instanced: triangles of all instances.
     rigs: armatures of the characters.
@@ -52,6 +53,7 @@ class Work:
 
     posed: float = 0.0
     unique: np.ndarray | float = 0.0
+    split: np.ndarray | float = 0.0
     instances: np.ndarray | float = 0.0
     instanced: np.ndarray | float = 0.0
     rigs: float = 0.0
@@ -108,17 +110,18 @@ MEMORY: dict[str, dict[str, float]] = {
         "materials": 850_000,
     },
 }
-# Seconds for one of each: of one processor for Cycles, 18 % rms of 48 renders, half of them with
-# LODs; of a graphics card (NVIDIA H100) for EEVEE, 9 % rms of 39 renders at 1 to 16 samples, 2 to
-# 10,000 agents of 143 to 45,824 triangles. Images: 8 renders by Cycles, 13 % rms, 24 % at worst;
-# EEVEE has the same, for Blender decodes them.
+# Seconds for one of each. Cycles, of one processor: 3 % rms of the 24 renders of *Calibrate*, and 6 %
+# of 16 crowds that it does not know. EEVEE, of a graphics card (NVIDIA H100): 9 % rms of 39 renders
+# at 1 to 16 samples, 2 to 10,000 agents of 143 to 45,824 triangles. Images: 8 renders by Cycles,
+# 13 % rms, 24 % at worst; EEVEE has the same, for Blender decodes them.
 SECONDS = {
     "CYCLES": {
-        "posed": 2e-7,
-        "unique": 6.1e-7,
-        "instances": 1.29e-5,
-        "rigs": 3.7e-3,
-        "traced": 1.1e-7,
+        "posed": 9.6e-8,
+        "unique": 4.2e-7,
+        "split": 1.3e-7,
+        "instances": 9.2e-6,
+        "rigs": 8.9e-4,
+        "traced": 1.65e-7,
         "images": 1.1e-8,
     },
     "EEVEE": {
@@ -230,6 +233,7 @@ class Holdings:
     keys, other_keys, stored, meshes, materials: as of Work, of each group; without LODs. What two
         groups share is counted for the first.
     triangle: bytes in memory of a triangle of a mesh, with its vertices.
+    split: part of the characters' triangles whose corners have normals of their own.
     """
 
     rigs: np.ndarray | float = 1.0
@@ -239,6 +243,7 @@ class Holdings:
     stored: np.ndarray | float = 0.0
     meshes: np.ndarray | float = 0.0
     triangle: np.ndarray | float = 0.0
+    split: np.ndarray | float = 0.0
     materials: np.ndarray | float = 0.0
 
 
@@ -259,6 +264,16 @@ class Actors:
     stored: np.ndarray | float = 0.0
     finest: np.ndarray | int = 0
     moved_as: np.ndarray | None = None
+
+    @property
+    def split(self) -> np.ndarray:
+        """(K, N) float64, part of the triangles whose corners have normals of their own.
+
+        Those of LODs have, which keep the character's shading so.
+        """
+        parts = np.ones(self.triangles.shape[::-1])
+        parts[0] = self.holdings.split
+        return parts[:, self.group]
 
 
 def stored_triangles(triangles: np.ndarray) -> np.ndarray:
@@ -306,6 +321,7 @@ def work_of(
     return Work(
         posed=float((is_held * triangles).sum()),
         unique=((shown_agents > 0) * triangles).sum(axis=(1, 2)),
+        split=((shown_agents > 0) * triangles * actors.split).sum(axis=(1, 2)),
         instances=shown_agents.sum(axis=(1, 2)).astype(np.float64),
         instanced=(shown_agents * triangles).sum(axis=(1, 2)),
         rigs=_moving(actors, is_held, holdings.rigs),

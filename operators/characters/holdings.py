@@ -132,6 +132,7 @@ def holdings_of(
         stored=stored,
         meshes=meshes,
         triangle=np.array([_bytes_a_triangle(objects) for _, objects, _ in characters]),
+        split=np.array([_split_part(objects) for _, objects, _ in characters]),
         materials=materials,
     )
     return CastHoldings(holdings, library.moved_as(gaits, lead), baked_keys)
@@ -173,6 +174,13 @@ def _bytes_a_triangle(objects: Sequence[bpy.types.Object]) -> float:
     """Return the bytes of the objects' meshes for each of their triangles."""
     meshes = _meshes_of(objects)
     return sum(map(_bytes_of, meshes)) / max(sum(map(_triangles, meshes)), 1)
+
+
+def _split_part(objects: Sequence[bpy.types.Object]) -> float:
+    """Return the part of the objects' triangles whose corners have normals of their own."""
+    meshes = _meshes_of(objects)
+    split = sum(_triangles(mesh) for mesh in meshes if mesh.has_custom_normals)
+    return split / max(sum(map(_triangles, meshes)), 1)
 
 
 def _materials_of(objects: Sequence[bpy.types.Object]) -> set[bpy.types.Material]:

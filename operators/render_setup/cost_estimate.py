@@ -10,6 +10,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.animation.phase_classes import Library
+from ...crowd_lod.culling.coverage import covered_pixels
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import number as figure
 from ...crowd_lod.frame.frame import Frame, plan
@@ -49,8 +50,6 @@ from .scaled_textures import bytes_of, shown_images
 
 FULL = "Full Detail"
 CHOICES = {"BY_RATIO": "By Ratio", "BY_TOLERANCE": "By Tolerance"}
-# of the square about its bounding sphere in the picture that a character covers, roughly
-COVERS = 0.15
 LEAST_HIDDEN = 0.1  # part of the agents in the picture below which hiding them gains little
 LEAST_IN_CYCLES = 10_000  # hidden agents of a frame: 17 MB and 0.1 s (docs/notes/occlusion.md)
 
@@ -311,7 +310,7 @@ def _look_at(
                 planning = partial(plan, trajectory, eyes, choice.policy, time, shutter, bias)
                 frame = yield from aside(partial(surrounded, planning, around))
                 agents_shown[name].append(_shown(frame, library, trajectory, choice.policy.count))
-            rays.append(samples * covered(frame, scene))
+            rays.append(samples * covered(frame))
             gone += hidden_wholly(frame)
             visible = len(frame.without_worn(frame.buckets).order)
             in_picture += hidden_wholly(frame) + visible
@@ -376,22 +375,10 @@ def _objects_held(
     ]
 
 
-def covered(frame: Frame, scene: bpy.types.Scene) -> float:
+def covered(frame: Frame) -> float:
     """Return roughly how many pixels of the picture the frame's agents cover."""
-    camera = frame.camera
     crowd = frame.crowd
     agents = frame.buckets.order
     spheres = frame.trajectory.spheres
-    radius = spheres.radius[crowd.group[agents]]
-    away = np.stack(crowd.places(spheres.radius, agents, camera.origin))
-    distance = 1.0 if camera.kind == "ORTHO" else np.maximum(np.sqrt((away**2).sum(axis=0)), radius)
-    return covered_pixels(scene.render, radius * camera.pixels_per_unit / distance)
-
-
-def covered_pixels(render: bpy.types.RenderSettings, radius: np.ndarray) -> float:
-    """Return roughly how many pixels of the picture characters cover.
-
-    radius: (m,) pixels, of their bounding spheres.
-    """
-    pixels = render.resolution_x * render.resolution_y * (render.resolution_percentage / 100) ** 2
-    return float(min(pixels, COVERS * ((2 * radius) ** 2).sum()))
+    places = np.stack(crowd.places(spheres.center, agents, frame.camera.origin))
+    return covered_pixels(frame.camera, places, spheres.radius[crowd.group[agents]])

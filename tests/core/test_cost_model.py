@@ -81,6 +81,7 @@ def test_work_is_what_one_counts(known):
         stored=np.array([900, 80]),
         meshes=np.array([9000, 1000]),
         triangle=np.array([10, 12.5]),
+        split=np.array([0, 0.5]),
         materials=np.array([4, 1]),
     )
     work = work_of(
@@ -112,6 +113,9 @@ def test_work_is_what_one_counts(known):
         assert work.instances[f] == len(agents)
         assert work.instanced[f] == sum(triangles[owner[n], k] for k, n in agents)
         assert work.unique[f] == sum(triangles[owner[n], k] for k, n in set(agents))
+        # LODs have normals of their own, and half of character 1
+        parts = [triangles[owner[n], k] * (1 if k else 0.5 * owner[n]) for k, n in set(agents)]
+        assert work.split[f] == sum(parts)
     assert work.points == (shown.sum() if known else 0)
 
 
