@@ -52,7 +52,7 @@ CROWDS = {
 AGENTS = {"CYCLES": (30, 1000, 30_000, 300_000), "EEVEE": (10, 100, 300)}
 SAMPLES = {"CYCLES": (4, 16), "EEVEE": (1, 4)}  # of a pixel
 REPEATS = {"CYCLES": 3, "EEVEE": 1}  # renders of each file, for medians
-COUNTS = "posed", "unique", "instances", "instanced", "rigs", "images"
+COUNTS = "posed", "unique", "split", "instances", "instanced", "rigs", "images"
 # Crowds that no costs are fitted to: characters, meters to the nearest, how often their faces are
 # divided
 HELD_OUT = (3, 8, 1), (6, 3, 0)

@@ -55,8 +55,9 @@ def make_slot(
     none: the share of the agents without, where the slot is new.
     CrowdError, and nothing has changed, if they cannot be worn.
     """
-    group = _group_with(scene, objects)
-    owner = group.owner
+    owner = _group_with(scene, objects).owner
+    if owner.library or owner.override_library:
+        raise CrowdError(f"{owner.name} is of another file: make the slot {name} there.")
     home = slots_in(owner).get(name)
     before = {item: list(item.users_collection) for item in objects}
     new = home is None

@@ -112,6 +112,9 @@ def test_what_is_worn_follows_overrides_points_and_further_crowds(dressed):
     assert len(rows[0]) > 1 and not crowd.present[rows[0]].any()
     assert len(rows[1]) == 1 and crowd.group[rows[1]] == [names.index("child")]
     assert len(rows[2]) > 1 and np.allclose(crowd.x[rows[2]] - before.x[third], 3)
+    settings.agent = int(rows[2][1])  # what a large change of the plan may be of
+    bpy.ops.crowd_lod.edit_agent(kind="HIDE")
+    assert settings.exceptions[-1].agents == str(third)
     settings.exceptions.clear()
     bpy.ops.crowd_lod.add_crowd()
     settings.crowds[0].count = 50

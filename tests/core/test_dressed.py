@@ -22,6 +22,7 @@ BODY = walker()
 def part(name, slot, chance, excludes=()):
     """A part of BODY that is as small as a hat."""
     small = replace(BODY, name=name, center=1.8, radius=0.2, variant_of=BODY.name)
+    small = replace(small, deviations=(0.0, len(name)), bounds=(0.0, len(name)))
     return replace(small, slot=slot, chance=chance, excludes=excludes)
 
 

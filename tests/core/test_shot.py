@@ -85,6 +85,8 @@ def costs(shot, weight):
                     meshes[mesh] = meshes.get(mesh, False) | (levels[a, :, f] == k)
         held |= {mesh: held.get(mesh, False) | used for mesh, used in meshes.items()}
         unique = sum(used * triangles[survey.owner[c], k] for (k, c), used in meshes.items())
+        split = sum(used * triangles[survey.owner[c], k] for (k, c), used in meshes.items() if k)
+        total += seconds.get("split", 0) * split
         total += (
             seconds["unique"] * unique
             + seconds["instances"] * instances
