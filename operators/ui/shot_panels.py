@@ -277,7 +277,8 @@ class CROWDLOD_PT_view_layers(Step, bpy.types.Panel):
         for name, place in layers_of(context.scene).items():
             row = layout.row()
             row.use_property_split = False
-            row.prop(place, "exclude", text=name, invert_checkbox=True, translate=False)
+            # its icon, a checkbox, is a full one where the layer is not excluded
+            row.prop(place, "exclude", text=name, emboss=False, translate=False)
         layout.operator("crowd_lod.add_aovs", icon="RENDERLAYERS")
 
 
