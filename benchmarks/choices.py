@@ -17,12 +17,13 @@ processor seconds and the memory that a build adds, as rendered and as predicted
 
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import bpy
 import crowd_lod_extension
+from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.levels.cost_model import Price, default_costs
 from crowd_lod_extension.crowd_lod.levels.selection import GroupShot, cheapest, priced
 from crowd_lod_extension.crowd_lod.progress import finished
@@ -88,55 +89,70 @@ def make(folder: str, sample: str) -> dict[str, list[dict]]:
     bpy.ops.crowd_lod.make_levels()
     all_file = _save(folder, "all")
     shots = finished(selection.views(scene, settings, trajectory_of(scene)))
-    counts = [len(dict.fromkeys(group.triangles)) for group in groups_of(settings)]
-    builds = {}
-    for engine in SAMPLES:
-        _set_up(scene, engine)
-        builds[engine] = [{"file": _save(folder, f"{engine} empty")}]
-        costs = default_costs(engine, SAMPLES[engine])
-        choices = {}
-        for group, count, shot in zip(groups_of(settings), counts, shots, strict=True):
-            for rule, choice in _choices(group, count, replace(shot, costs=costs)).items():
-                choices.setdefault(rule, []).append(choice)
-        for rule, of_groups in choices.items():
-            bpy.ops.wm.open_mainfile(filepath=all_file)
-            scene = bpy.context.scene
-            settings = scene.crowd_lod
-            prices = [
-                dict(priced(group, range(count), TOLERANCE, replace(shot, costs=costs)))[choice]
-                for group, count, shot, choice in zip(
-                    groups_of(settings), counts, shots, of_groups, strict=True
-                )
-            ]
-            _set_up(scene, engine)
-            _keep(settings, of_groups)
+    groups = groups_of(settings)
+    return {engine: _write_builds(folder, all_file, engine, groups, shots) for engine in SAMPLES}
+
+
+def _write_builds(
+    folder: str, all_file: str, engine: str, groups: Sequence[Group], shots: Sequence[GroupShot]
+) -> list[dict]:
+    """Write a file for each choice of LODs for the engine; return what is predicted.
+
+    The first file has no build. Rules that choose the same have one file.
+    all_file: has all candidates for LODs of the `groups`.
+    """
+    scene = _open(all_file, engine)
+    builds = [{"file": _save(folder, f"{engine} empty")}]
+    costs = default_costs(engine, SAMPLES[engine])
+    choices = {}  # rule -> of each group (choice, its price)
+    for group, shot in zip(groups, shots, strict=True):
+        prices = _prices(group, replace(shot, costs=costs))
+        for rule, choice in _choices(group, prices, replace(shot, costs=costs)).items():
+            choices.setdefault(rule, []).append((choice, prices[choice]))
+    files = {}
+    for rule, pairs in choices.items():
+        of_groups = tuple(choice for choice, _ in pairs)
+        if of_groups not in files:
+            scene = _open(all_file, engine)
+            _keep(scene.crowd_lod, of_groups)
             finished(render_setup.build(scene))
-            builds[engine].append(
-                {
-                    "choice": rule,
-                    "LODs": " ".join(str(len(choice)) for choice in of_groups),
-                    "predicted s": round(sum(price.seconds for price in prices), 2),
-                    "predicted mb": round(sum(price.memory for price in prices) / 1e6),
-                    "file": _save(folder, f"{engine} {rule}"),
-                }
-            )
+            files[of_groups] = _save(folder, f"{engine} {rule}")
+        builds.append(
+            {
+                "choice": rule,
+                "LODs": " ".join(str(len(choice)) for choice in of_groups),
+                "predicted s": round(sum(price.seconds for _, price in pairs), 2),
+                "predicted mb": round(sum(price.memory for _, price in pairs) / 1e6),
+                "file": files[of_groups],
+            }
+        )
     return builds
 
 
-def _choices(group, count: int, shot: GroupShot) -> dict[str, Choice]:
-    """Return the choices of a group's LODs that are rendered."""
-    prices = {
-        choice: price
-        for choice, price in priced(group, range(count), TOLERANCE, shot)
-        if choice[0] == 0
-    }
+def _open(file: str, engine: str) -> bpy.types.Scene:
+    """Open the file; return its scene, to be rendered by the engine."""
+    bpy.ops.wm.open_mainfile(filepath=file)
+    _set_up(bpy.context.scene, engine)
+    return bpy.context.scene
+
+
+def _prices(group: Group, shot: GroupShot) -> dict[Choice, Price]:
+    """Return the price of each choice of a group's candidates that has the first one."""
+    candidates = range(len(dict.fromkeys(group.triangles)))
+    prices = priced(group, candidates, TOLERANCE, shot)
+    return {choice: price for choice, price in prices if choice[0] == 0}
+
+
+def _choices(group: Group, prices: Mapping[Choice, Price], shot: GroupShot) -> dict[str, Choice]:
+    """Return the choices of a group's LODs that are rendered. prices: of _prices."""
+    candidates = range(len(dict.fromkeys(group.triangles)))
     quickest = _quickest(prices)
     fewer = {choice: prices[choice] for choice in prices if len(choice) < len(quickest)}
     parts = {choice: price.share(prices[0,]) for choice, price in prices.items()}
     sums = {choice: part.memory + part.seconds for choice, part in parts.items()}
     good = [choice for choice in sums if sums[choice] <= min(sums.values()) + SLACK]
     return {
-        "chosen": tuple(cheapest(group, range(count), TOLERANCE, shot)[0]),
+        "chosen": tuple(cheapest(group, candidates, TOLERANCE, shot)[0]),
         "quickest": quickest,
         "fewer": _quickest(fewer or prices),
         "by parts": min(good, key=lambda choice: (len(choice), sums[choice])),
@@ -165,7 +181,7 @@ def _save(folder: str, name: str) -> str:
     return path
 
 
-def _keep(settings, choices: list[Choice]) -> None:
+def _keep(settings, choices: Sequence[Choice]) -> None:
     """Leave each group the LODs of its choice; the last one stands for those it lacks."""
     groups = groups_of(settings)
     levels = list(settings.levels.children)

@@ -23,6 +23,7 @@ import bpy
 import numpy as np
 from crowd_lod_extension.crowd_lod.levels.cost_fit import fit_costs
 from crowd_lod_extension.crowd_lod.levels.cost_model import (
+    DEVELOPERS,
     SECONDS,
     Costs,
     Work,
@@ -52,7 +53,7 @@ CROWDS = {
 AGENTS = {"CYCLES": (30, 1000, 30_000, 300_000), "EEVEE": (10, 100, 300)}
 SAMPLES = {"CYCLES": (4, 16), "EEVEE": (1, 4)}  # of a pixel
 REPEATS = {"CYCLES": 3, "EEVEE": 1}  # renders of each file, for medians
-COUNTS = "posed", "unique", "instances", "instanced", "rigs", "images"
+COUNTS = "posed", "unique", "split", "instances", "instanced", "rigs", "images"
 # Crowds that no costs are fitted to: characters, meters to the nearest, how often their faces are
 # divided
 HELD_OUT = (3, 8, 1), (6, 3, 0)
@@ -92,7 +93,9 @@ def judge(engine: str) -> None:
     scene = bpy.context.scene
     scene.render.engine = scene_data.BLENDER_ENGINES[engine]
     calibration = calibration_of(scene)
-    machine = calibration.costs if calibration else Costs(engine, SECONDS[engine])
+    machine = (
+        calibration.costs if calibration else Costs(engine, SECONDS[engine], DEVELOPERS[engine])
+    )
     print(f"Costs of {machine.basis}")
     names = [each.name for each in fields(Work)]
     with tempfile.TemporaryDirectory() as scratch:

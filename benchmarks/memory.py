@@ -79,7 +79,7 @@ def _row(way: str, made: dict, peaks: dict) -> dict:
     memory = made[way]["memory_mb"]
     measured = peaks[way]["peak_mb"] - peaks["empty"]["peak_mb"]
     file = made[way]["file_mb"]
-    written = made[f"{way} file"] - made["empty file"]
+    written = made[f"{way} file"]
     return {
         "way": way,
         "memory predicted": round(memory),
@@ -122,7 +122,7 @@ def make(folder: str, crowd: dict) -> dict:
     remove_owned(settings.levels)
     bpy.data.batch_remove([*settings.characters.all_objects, *bpy.data.actions])
     bpy.data.orphans_purge(do_recursive=True)
-    row["empty file"] = _save(folder, "empty")
+    _save(folder, "empty")
     return row
 
 

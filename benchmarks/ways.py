@@ -205,6 +205,7 @@ def counted(top: bpy.types.Collection) -> dict[str, int]:
             for home in homes
         ]
     )
+    split = np.array([home.objects[0].data.has_custom_normals for home in homes])
     numbers = np.zeros(len(points.data.vertices), np.int32)
     points.data.attributes["pose"].data.foreach_get("value", numbers)
     at = np.zeros(len(numbers), np.int32)
@@ -214,6 +215,7 @@ def counted(top: bpy.types.Collection) -> dict[str, int]:
     return {
         "posed": int(triangles.sum()),
         "unique": int(triangles[instances > 0].sum()),
+        "split": int((triangles * split)[instances > 0].sum()),
         "instances": int(instances.sum()),
         "instanced": int((instances * triangles).sum()),
         "rigs": len(rigs.objects),

@@ -132,6 +132,11 @@ class Group:
     height: float = field(default=0.0, compare=False, repr=False)
 
     @property
+    def family(self) -> str:
+        """The name of the group whose agents wear this, or of the group itself."""
+        return self.variant_of or self.name
+
+    @property
     def reach(self) -> float:
         """The radius of the sphere that holds the LODs, too.
 

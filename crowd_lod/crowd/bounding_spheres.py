@@ -1,7 +1,7 @@
 """The bounding spheres of character groups: of their points, and for agents of all sizes."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,9 +22,14 @@ class Spheres:
 
 
 def spheres_of(groups: Sequence[Group]) -> Spheres:
-    """Return the bounding spheres of `groups`."""
-    columns = ([getattr(group, column.name) for group in groups] for column in fields(Spheres))
-    return Spheres(*(np.array(column, np.float64) for column in columns))
+    """Return the bounding spheres of `groups`; a wardrobe's have one reach (see cover_wardrobes)."""
+    dressed = {group.variant_of for group in groups if group.slot}
+    reach = {name: max(group.reach for group in groups if group.family == name) for name in dressed}
+    return Spheres(
+        np.array([group.center for group in groups], np.float64),
+        np.array([group.radius for group in groups], np.float64),
+        np.array([reach.get(group.family, group.reach) for group in groups], np.float64),
+    )
 
 
 def bounding_sphere(points: np.ndarray, reach: np.ndarray | float = 0.0) -> tuple[float, float]:
@@ -49,8 +54,8 @@ def cover_wardrobes(groups: Sequence[Group]) -> tuple[Group, ...]:
     """
     families: dict[str, list[Group]] = {}
     for group in groups:
-        families.setdefault(group.variant_of or group.name, []).append(group)
-    return tuple(_cover_family(group, families[group.variant_of or group.name]) for group in groups)
+        families.setdefault(group.family, []).append(group)
+    return tuple(_cover_family(group, families[group.family]) for group in groups)
 
 
 def _cover_family(group: Group, family: Sequence[Group]) -> Group:

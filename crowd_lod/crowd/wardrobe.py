@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..format import counted
 from . import random_streams
 from .agents import Group
 
@@ -41,6 +42,12 @@ def slots_of(groups: Sequence[Group]) -> list[Slot]:
         )
         for (name, owner), members in sorted(parts.items())
     ]
+
+
+def count_people(rows: int, worn: int) -> str:
+    """Return in words how many agents there are in `rows`, `worn` of which are what they wear."""
+    people = counted(rows - worn, "agent")
+    return f"{people} ({counted(worn, 'part')} worn)" if worn else people
 
 
 def draw_parts(

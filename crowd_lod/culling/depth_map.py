@@ -13,7 +13,10 @@ import numpy as np
 
 from .camera import Camera
 from .occluders import Occluders
-from .sheets import ROUNDING, Grid, Sheets, grid_of, read_sheets
+from .rectangle_minima import RectangleMinima
+from .sheets import ROUNDING, Grid, Sheets, grid_of, place_components, read_sheets
+
+LARGEST = 8  # components that are drawn first
 
 
 def map_depths(
@@ -30,7 +33,17 @@ def map_depths(
         cell farther from it than it moves, so such cells stay covered, or uncovered.
     """
     grid = grid_of(camera)
-    return _draw(read_sheets(occluders, (camera, *neighbors), grid), grid)
+    cameras = camera, *neighbors
+    low, high, nearest = place_components(occluders, camera, grid)
+    components = np.argsort(-(high - low).prod(axis=1))
+    components = components[np.isfinite(nearest[components])]
+    largest, others = np.split(components, [LARGEST])
+    nearness = _draw(read_sheets(occluders, largest, cameras, grid), grid)
+    # what lies behind these adds nothing: in a street five of six houses
+    first = np.floor(low[others]).astype(np.intp)
+    last = np.minimum(np.floor(high[others]), grid.size - 1).astype(np.intp)
+    others = others[nearest[others] > RectangleMinima(nearness).of(first, last)]
+    return np.maximum(nearness, _draw(read_sheets(occluders, others, cameras, grid), grid))
 
 
 def _draw(sheets: Sheets, grid: Grid) -> np.ndarray:
@@ -108,55 +121,79 @@ def _cells_of(low: np.ndarray, wide: np.ndarray) -> tuple[np.ndarray, np.ndarray
 def _draw_triangles(
     sheets: Sheets, grid: Grid, plots: _Plots, covered: np.ndarray, farthest: np.ndarray
 ) -> None:
-    """Note cells whose middle a triangle covers, and the least nearness of those that touch one."""
-    corners = sheets.triangles
+    """Note cells whose middle a triangle covers, and the least nearness of those that touch one.
+
+    Each row of a triangle has the cells from one column to another.
+    """
+    flat = sheets.triangles[..., :2]
     slack = sheets.slack
-    flat = corners[..., :2]
     low, wide = _whole_cells(flat.min(axis=1), flat.max(axis=1), slack, grid)
     first = plots.low[sheets.sheet]
-    last = first + plots.wide[sheets.sheet]
-    end = np.minimum(low + wide, last)
+    end = np.minimum(low + wide, first + plots.wide[sheets.sheet])
     low = np.maximum(low, first)
-    triangle, x, y = _cells_of(low, np.maximum(end - low, 0))
+    triangle, y = _runs(low[:, 1], end[:, 1])
     sides = np.roll(flat, -1, axis=1) - flat
     area = sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]
-    sign = np.sign(area)[triangle]
-    inside = np.abs(area[triangle]) > ROUNDING
-    touched = np.ones(len(triangle), bool)
+    sides *= np.sign(area)[:, None, None]
+    reach = (np.abs(sides) * (0.5 + slack[:, None, ::-1])).sum(axis=2) * (1 + ROUNDING) + ROUNDING
+    touched = low[triangle, 0], end[triangle, 0]
+    middles = touched
     for k in range(3):
         across = sides[triangle, k, 0] * (y + 0.5 - flat[triangle, k, 1])
-        across -= sides[triangle, k, 1] * (x + 0.5 - flat[triangle, k, 0])
-        across *= sign
-        reach = (np.abs(sides[:, k]) * (0.5 + slack[:, ::-1])).sum(axis=1)
-        inside &= across >= 0
-        touched &= across >= -reach[triangle]
-    least = _least_nearness(corners, area, slack, triangle, x, y)
-    numbers = plots.numbers(sheets.sheet[triangle], x, y)
-    covered[numbers[inside]] = True
-    np.minimum.at(farthest, numbers[touched], least[touched])
+        across += sides[triangle, k, 1] * (flat[triangle, k, 0] - 0.5)
+        touched = _narrowed(touched, across + reach[triangle, k], sides[triangle, k, 1])
+        middles = _narrowed(middles, across, sides[triangle, k, 1])
+    numbers = plots.numbers(sheets.sheet[triangle], np.zeros_like(y), y)
+    is_wide = np.abs(area) > ROUNDING
+    row, x = _runs(middles[0], np.where(is_wide[triangle], middles[1], 0))
+    covered[numbers[row] + x] = True
+    start, slope, least = (
+        values[triangle] for values in _planes(sheets.triangles, area, slack, is_wide)
+    )
+    start += slope[:, 1] * (y + 0.5) + slope[:, 0] * 0.5
+    row, x = _runs(*touched)
+    nearness = np.maximum(start[row] + slope[row, 0] * x, least[row])
+    np.minimum.at(farthest, numbers[row] + x, nearness)
 
 
-def _least_nearness(
-    corners: np.ndarray,
-    area: np.ndarray,
-    slack: np.ndarray,
-    triangle: np.ndarray,
-    x: np.ndarray,
-    y: np.ndarray,
-) -> np.ndarray:
-    """Return the least nearness, in the cells x and y (c,), of a triangle for each (c,)."""
+def _runs(first: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return (which run, number) of each number of runs from `first` up to before `end`."""
+    count = np.maximum(end - first, 0)
+    run = np.repeat(np.arange(len(count)), count)
+    return run, np.arange(len(run)) + np.repeat(first - np.cumsum(count) + count, count)
+
+
+def _narrowed(
+    columns: tuple[np.ndarray, np.ndarray], across: np.ndarray, fall: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the columns x, (first, end) of each row, in which across - fall x is not below 0."""
+    first, end = columns
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        zero = across / fall
+    least = np.fmin(np.fmax(np.ceil(zero - ROUNDING), first), end)
+    most = np.fmax(np.fmin(np.floor(zero + ROUNDING) + 1, end), first)
+    least = np.where(fall < 0, least, first)
+    most = np.where(fall > 0, most, end)
+    most[(fall == 0) & ~(across >= 0)] = 0
+    return least.astype(np.intp), most.astype(np.intp)
+
+
+def _planes(
+    corners: np.ndarray, area: np.ndarray, slack: np.ndarray, is_wide: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the least nearness of triangles in a cell: (start (t,), slope (t, 2), least (t,)).
+
+    It is start + slope . the cell's middle, and no less than `least`, which is that of the corners.
+    """
     x1, y1, w1 = (corners[:, 1] - corners[:, 0]).T
     x2, y2, w2 = (corners[:, 2] - corners[:, 0]).T
-    is_wide = np.abs(area) > ROUNDING
     safe = np.where(is_wide, area, 1.0)
-    along_x = (w1 * y2 - w2 * y1) / safe
-    along_y = (w2 * x1 - w1 * x2) / safe
-    start = corners[:, 0, 2] - np.abs(along_x) * (0.5 + slack[:, 0])
-    start -= np.abs(along_y) * (0.5 + slack[:, 1])
-    plane = start[triangle] + along_x[triangle] * (x + 0.5 - corners[triangle, 0, 0])
-    plane += along_y[triangle] * (y + 0.5 - corners[triangle, 0, 1])
-    of_corners = corners[:, :, 2].min(axis=1)[triangle]
-    return np.where(is_wide[triangle], np.maximum(plane, of_corners), of_corners)
+    slope = np.stack([w1 * y2 - w2 * y1, w2 * x1 - w1 * x2], axis=1) / safe[:, None]
+    slope[~is_wide] = 0
+    start = corners[:, 0, 2] - (np.abs(slope) * (0.5 + slack)).sum(axis=1)
+    start -= (slope * corners[:, 0, :2]).sum(axis=1)
+    least = corners[:, :, 2].min(axis=1)
+    return np.where(is_wide, start, -np.inf), slope, least
 
 
 def _border_cells(sheets: Sheets, grid: Grid, plots: _Plots) -> np.ndarray:

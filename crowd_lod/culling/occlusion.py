@@ -1,7 +1,4 @@
-"""Which spheres opaque scenery hides from a camera: their rectangles on the map of depths.
-
-Source: hierarchical depth maps (Greene, Kass, Miller 1993), here of the least nearness.
-"""
+"""Which spheres opaque scenery hides from a camera: their rectangles on the map of depths."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,9 +9,9 @@ from .camera import Camera, stretch
 from .depth_map import map_depths
 from .frustum import reach_of
 from .occluders import Occluders
+from .rectangle_minima import RectangleMinima
 from .sheets import Grid, grid_of, nearest_cut, view_points
 
-SPAN = 3  # cells of a level that a rectangle spans, at most one more
 FAR_OFF = 1e9  # cells
 
 
@@ -50,14 +47,13 @@ class OcclusionMap:
         """
         self.cameras = (camera, *neighbors)
         self.grid: Grid = grid_of(camera)
-        self.levels = [map_depths(occluders, camera, neighbors)]
-        while min(self.levels[-1].shape) > 1:
-            self.levels.append(_halved(self.levels[-1]))
+        self.nearness = map_depths(occluders, camera, neighbors)
+        self._least = RectangleMinima(self.nearness)
 
     @property
     def is_empty(self) -> bool:
         """Whether it hides nothing."""
-        return not np.isfinite(self.levels[0]).any()
+        return not np.isfinite(self.nearness).any()
 
     def rectangles(self, points: np.ndarray, radius: np.ndarray) -> Rectangles:
         """Return the rectangles of spheres.
@@ -81,14 +77,8 @@ class OcclusionMap:
         most = self.grid.size - 1
         low = np.clip(np.floor(bodies.low - filtered), 0, most).astype(np.intp)
         high = np.clip(np.floor(bodies.high + filtered), 0, most).astype(np.intp)
-        wide = (high - low).max(axis=1, initial=0)
-        level = np.ceil(np.log2(np.maximum(wide / SPAN, 1))).astype(np.intp)
-        level = np.minimum(level, len(self.levels) - 1)
-        least = np.full(len(level), np.inf)
-        for k in np.flatnonzero(np.bincount(level)):
-            rows = np.flatnonzero(level == k)
-            least[rows] = _least(self.levels[k], low[rows] >> k, high[rows] >> k)
-        return bodies.nearness < least
+        hidden: np.ndarray = bodies.nearness < self._least.of(low, high)
+        return hidden
 
 
 def _rectangles(points: np.ndarray, radius: np.ndarray, camera: Camera, grid: Grid) -> Rectangles:
@@ -116,23 +106,3 @@ def _rectangles(points: np.ndarray, radius: np.ndarray, camera: Camera, grid: Gr
         np.minimum((high - grid.low) * grid.scale, FAR_OFF),
         nearness,
     )
-
-
-def _halved(level: np.ndarray) -> np.ndarray:
-    """Return the least of each four cells, (ceil(rows / 2), ceil(columns / 2))."""
-    rows, columns = level.shape
-    even = np.pad(level, ((0, rows % 2), (0, columns % 2)), mode="edge")
-    pairs = np.minimum(even[::2], even[1::2])
-    return np.minimum(pairs[:, ::2], pairs[:, 1::2])
-
-
-def _least(level: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return the least of the cells from `low` to `high` (m, 2), column and row, of a level."""
-    least = np.full(len(low), np.inf)
-    across, up = (high - low).max(axis=0)
-    for row in range(up + 1):
-        rows = np.minimum(low[:, 1] + row, high[:, 1])
-        for column in range(across + 1):
-            columns = np.minimum(low[:, 0] + column, high[:, 0])
-            np.minimum(least, level[rows, columns], out=least)
-    return least

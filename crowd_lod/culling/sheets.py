@@ -17,6 +17,9 @@ from .camera import GRAIN, Camera, Window, stretch
 from .occluders import Occluders
 
 ACROSS = 160  # cells along the longer side of the picture
+# Cells are as many times as wide as high: below the horizon a cell shows much ground, of which the
+# farthest counts, and the feet of what stands on it.
+FLATTENED = 4
 LEAST_CELLS = 3.0  # cells along both axes below which a component is not drawn
 FLAT = 1e-12  # part of its size cubed, below which a triangle is edge-on
 SLICE = 2.0  # times as far reaches each slice of depth
@@ -63,7 +66,7 @@ def grid_of(camera: Camera) -> Grid:
     wide = window.right - window.left
     high = window.top - window.bottom
     cell = max(wide, high) / ACROSS
-    return Grid(window, max(1, round(wide / cell)), max(1, round(high / cell)))
+    return Grid(window, max(1, round(wide / cell)), max(1, round(FLATTENED * high / cell)))
 
 
 def nearest_cut(camera: Camera) -> float:
@@ -91,10 +94,12 @@ class Sheets:
     border_slack: np.ndarray
 
 
-def read_sheets(occluders: Occluders, cameras: Sequence[Camera], grid: Grid) -> Sheets:
-    """Return the sheets that may cover cells in the picture of the first camera."""
+def read_sheets(
+    occluders: Occluders, components: np.ndarray, cameras: Sequence[Camera], grid: Grid
+) -> Sheets:
+    """Return the sheets of `components` (k,) in the picture of the first camera."""
     shape = occluders.shape
-    number = np.flatnonzero(_is_large(occluders, cameras[0], grid)[shape.component])
+    number = np.flatnonzero(np.isin(shape.component, components))
     used = np.zeros(len(occluders.points), bool)
     used[shape.triangles[number]] = True
     row = np.cumsum(used) - 1  # of each vertex among those that are used
@@ -130,8 +135,14 @@ def view_points(points: np.ndarray, camera: Camera) -> np.ndarray:
     return (points - camera.origin) @ np.array([camera.X, camera.Y, camera.Z]).T
 
 
-def _is_large(occluders: Occluders, camera: Camera, grid: Grid) -> np.ndarray:
-    """Return which components are in the picture and may cover a cell, (components,) bool."""
+def place_components(
+    occluders: Occluders, camera: Camera, grid: Grid
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return where components may be in the picture: (low (c, 2), high (c, 2), nearness (c,)).
+
+    low, high: in cells.
+    nearness: of their nearest point beyond the near clip; -inf of those that cover no cell.
+    """
     least, greatest = occluders.boxes
     middle = view_points((least + greatest) / 2, camera)
     half = (greatest - least) / 2 @ np.abs(np.array([camera.X, camera.Y, camera.Z])).T
@@ -140,12 +151,15 @@ def _is_large(occluders: Occluders, camera: Camera, grid: Grid) -> np.ndarray:
     cut = nearest_cut(camera)
     near = np.maximum(low[:, 2:], cut)
     far = np.maximum(high[:, 2:], cut)
+    nearness = -near[:, 0]
     if camera.kind != "ORTHO":
         low[:, :2] /= np.where(low[:, :2] < 0, near, far)
         high[:, :2] /= np.where(high[:, :2] > 0, near, far)
+        nearness = 1 / near[:, 0]
     low = np.maximum((low[:, :2] - grid.low) * grid.scale, 0)
     high = np.minimum((high[:, :2] - grid.low) * grid.scale, grid.size)
-    return (high - low >= LEAST_CELLS).all(axis=1) & (far[:, 0] > cut)
+    is_large = (high - low >= LEAST_CELLS).all(axis=1) & (far[:, 0] > cut)
+    return low, high, np.where(is_large, nearness, -np.inf)
 
 
 def _facing(corners: np.ndarray, camera: Camera) -> np.ndarray:

@@ -30,6 +30,7 @@ class Work:
     Each field is a number, or (F,) float64 with one value per frame.
     posed: triangles of the characters in the build's collections.
     unique: triangles that the frame shows, each counted once for all instances.
+    split: those of them whose corners have normals of their own.
     instances: agents shown.
     instanced: triangles of all instances.
     rigs: armatures of the characters.
@@ -40,16 +41,19 @@ class Work:
     images, image_count: bytes, and number, of the images that the characters' materials use.
     keys: keys of the actions of the build's rigs.
     other_keys: keys of all other actions in the file, such as the characters' own.
-    stored, meshes: triangles of meshes in the file, and their bytes in memory: of the characters,
-        of their LODs, and of still poses.
+    stored: triangles of the characters and of their LODs, in the file.
+    poses: triangles of still poses, which are meshes of their own.
+    meshes: bytes in memory of all these meshes.
     materials: materials of the characters.
-    packed: bytes of the images' files that are in the file.
+    rest: bytes of the file without a build and without what `stored` and `meshes` count.
     points: points in the file, one per agent and baked frame.
+    moving_points: those of them that have velocities for motion blur.
     crowd: 1, for what any crowd has, such as node groups.
     """
 
     posed: float = 0.0
     unique: np.ndarray | float = 0.0
+    split: np.ndarray | float = 0.0
     instances: np.ndarray | float = 0.0
     instanced: np.ndarray | float = 0.0
     rigs: float = 0.0
@@ -61,10 +65,12 @@ class Work:
     keys: float = 0.0
     other_keys: float = 0.0
     stored: float = 0.0
+    poses: float = 0.0
     meshes: float = 0.0
     materials: float = 0.0
-    packed: float = 0.0
+    rest: float = 0.0
     points: float = 0.0
+    moving_points: float = 0.0
     crowd: float = 1.0
 
     @property
@@ -76,8 +82,8 @@ class Work:
         return self.rays * np.log2(np.maximum(self.unique, 1.0))
 
 
-# Bytes of memory for one of each. Cycles: within 16 % of 24 renders. EEVEE on a software GPU: 21 %
-# rms of 18 renders, 46 % at worst. docs/notes/costs.md has the builds.
+# Bytes of main memory for one of each. Cycles: within 16 % of 24 renders. EEVEE on a graphics card:
+# 23 % rms of 15 renders. docs/notes/costs.md has the builds.
 MEMORY: dict[str, dict[str, float]] = {
     "CYCLES": {
         "posed": 32,
@@ -92,54 +98,61 @@ MEMORY: dict[str, dict[str, float]] = {
         "materials": 850_000,
     },
     "EEVEE": {
-        "posed": 75,
-        "unique": 247,
-        "instances": 146_000,
-        "bones": 77_000,
+        "posed": 60,
+        "unique": 105,
+        "instances": 5000,
+        "bones": 14_700,
         "images": 1.56,
         "image_count": 10_800_000,
-        "keys": 60,
-        "other_keys": 91,
+        "keys": 225,
+        "other_keys": 140,
+        "meshes": 1.7,
         "materials": 850_000,
     },
 }
-# Seconds of one processor for one of each. Cycles: 18 % rms of 48 renders, half of them with LODs.
-# EEVEE on a software GPU: 12 % rms of 40 renders at 1, 4 and 12 samples, 2 to 1,000 agents of 143
-# to 45,824 triangles. Images: 8 renders by Cycles, 13 % rms, 24 % at worst; EEVEE has the same, for
-# Blender decodes them.
+# Seconds for one of each. Cycles, of one processor: 3 % rms of the 24 renders of *Calibrate*, and 6 %
+# of 16 crowds that it does not know. EEVEE, of a graphics card (NVIDIA H100): 9 % rms of 39 renders
+# at 1 to 16 samples, 2 to 10,000 agents of 143 to 45,824 triangles. Images: 8 renders by Cycles,
+# 13 % rms, 24 % at worst; EEVEE has the same, for Blender decodes them.
 SECONDS = {
     "CYCLES": {
-        "posed": 2e-7,
-        "unique": 6.1e-7,
-        "instances": 1.29e-5,
-        "rigs": 3.7e-3,
-        "traced": 1.1e-7,
+        "posed": 9.6e-8,
+        "unique": 4.2e-7,
+        "split": 1.3e-7,
+        "instances": 9.2e-6,
+        "rigs": 8.9e-4,
+        "traced": 1.65e-7,
         "images": 1.1e-8,
     },
     "EEVEE": {
-        "posed": 6.7e-8,
-        "unique": 2.85e-6,
-        "instances": 4.58e-3,
-        "instanced": 4.09e-6,
-        "drawn_triangles": 1.98e-6,
+        "posed": 3e-8,
+        "unique": 6.6e-8,
+        "instances": 5.5e-6,
+        "instanced": 1.4e-8,
+        "drawn_triangles": 3.2e-9,
+        "rays": 1.2e-8,
         "images": 1.1e-8,
     },
 }
-# Bytes of the compressed file for one of each: within 25 % of 21 of 24 files, 37 % at worst.
+# Bytes of the compressed file for one of each: 13 bakes of three frames are within 16 %.
 FILE: dict[str, float] = {
     "stored": 15,
     "meshes": 0.06,
+    "poses": 5,
     "keys": 17,
-    "other_keys": 9.3,
-    "rigs": 1400,
-    "materials": 10_000,
-    "packed": 1,
+    "bones": 90,
     "points": 8,
-    "crowd": 195_000,
+    "moving_points": 4.5,
+    "crowd": 25_000,
+    "rest": 1,
 }
 
 
-DEVELOPERS = "a processor of the developers"  # what SECONDS rest on, in words
+# what SECONDS rest on, in words
+DEVELOPERS = {
+    "CYCLES": "a processor of the developers",
+    "EEVEE": "a graphics card of the developers",
+}
 
 
 @dataclass(frozen=True)
@@ -153,7 +166,7 @@ class Costs:
 
     engine: str
     seconds: Mapping[str, float]
-    basis: str = DEVELOPERS
+    basis: str
 
     def with_samples(self, samples: float) -> "Costs":
         """Return the costs of renders with `samples` of each pixel.
@@ -178,7 +191,7 @@ def default_costs(engine: str, samples: float = 1.0) -> Costs:
         raise CrowdError(
             f"There are no costs of the engine {engine}: choose one of {', '.join(NAMES)}."
         )
-    return Costs(engine, SECONDS[engine]).with_samples(samples)
+    return Costs(engine, SECONDS[engine], DEVELOPERS[engine]).with_samples(samples)
 
 
 @dataclass(frozen=True)
@@ -220,6 +233,7 @@ class Holdings:
     keys, other_keys, stored, meshes, materials: as of Work, of each group; without LODs. What two
         groups share is counted for the first.
     triangle: bytes in memory of a triangle of a mesh, with its vertices.
+    split: part of the characters' triangles whose corners have normals of their own.
     """
 
     rigs: np.ndarray | float = 1.0
@@ -229,6 +243,7 @@ class Holdings:
     stored: np.ndarray | float = 0.0
     meshes: np.ndarray | float = 0.0
     triangle: np.ndarray | float = 0.0
+    split: np.ndarray | float = 0.0
     materials: np.ndarray | float = 0.0
 
 
@@ -249,6 +264,16 @@ class Actors:
     stored: np.ndarray | float = 0.0
     finest: np.ndarray | int = 0
     moved_as: np.ndarray | None = None
+
+    @property
+    def split(self) -> np.ndarray:
+        """(K, N) float64, part of the triangles whose corners have normals of their own.
+
+        Those of LODs have, which keep the character's shading so.
+        """
+        parts = np.ones(self.triangles.shape[::-1])
+        parts[0] = self.holdings.split
+        return parts[:, self.group]
 
 
 def stored_triangles(triangles: np.ndarray) -> np.ndarray:
@@ -296,6 +321,7 @@ def work_of(
     return Work(
         posed=float((is_held * triangles).sum()),
         unique=((shown_agents > 0) * triangles).sum(axis=(1, 2)),
+        split=((shown_agents > 0) * triangles * actors.split).sum(axis=(1, 2)),
         instances=shown_agents.sum(axis=(1, 2)).astype(np.float64),
         instanced=(shown_agents * triangles).sum(axis=(1, 2)),
         rigs=_moving(actors, is_held, holdings.rigs),
@@ -303,7 +329,8 @@ def work_of(
         rays=rays,
         keys=float(np.broadcast_to(holdings.keys, groups).sum()),
         other_keys=float(np.broadcast_to(holdings.other_keys, groups).sum()),
-        stored=float(np.sum(holdings.stored + more)),
+        stored=float(np.sum(holdings.stored + actors.stored)),
+        poses=float(poses.sum()),
         meshes=float(np.sum(holdings.meshes + more * holdings.triangle)),
         materials=float(np.broadcast_to(holdings.materials, groups).sum()),
         points=float(agents) if known else 0.0,

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..crowd.leave_outs import LeftOut
+from ..crowd.wardrobe import count_people
 from ..format import counted, number
 from ..levels.cost_model import NAMES
 from ..shot.budget import BudgetPlan
@@ -29,6 +30,7 @@ class ShotReport:
     noticed: (s,) of shot.switches.ROW, the switches, entries and exits in sight.
     verdict: the worst of these.
     names: of the G groups.
+    worn: how many of the agents are parts that others wear.
     phases: the shot's phase classes. classes: rows of them, see PhasePlan.rows.
     tints: (r, g, b) linear, of each LOD.
     milliseconds: of each stage of the survey, the mean of a frame; empty if it was not timed.
@@ -49,11 +51,17 @@ class ShotReport:
     milliseconds: Mapping[str, float]
     left_out: Sequence[LeftOut] = ()
     crops: Sequence[tuple[np.ndarray, np.ndarray] | None] = ()
+    worn: int = 0
 
     @property
     def numbers(self) -> np.ndarray:
         """(F,) int64, the frames."""
         return self.shot.survey.numbers
+
+    @property
+    def people(self) -> str:
+        """How many agents there are, in words."""
+        return count_people(len(self.shot.survey.group), self.worn)
 
     @property
     def raised(self) -> float:
@@ -77,12 +85,11 @@ def lead_of(report: ShotReport) -> str:
     """Return what the plan saves and avoids, in sentences."""
     bill = report.plan.bill
     before = report.plan.thresholds
-    survey = report.shot.survey
     _, triangles, memory = of_full_detail(report.shot, bill)
     frames = len(report.numbers)
     engine = NAMES[report.shot.costs.engine]
     return (
-        f"{counted(frames, 'frame')} of {counted(len(survey.group), 'agent')} for {engine}. The "
+        f"{counted(frames, 'frame')} of {report.people} for {engine}. The "
         f"plan takes "
         f"{triangles:.1%} of the triangles and {memory:.0%} of the memory that full detail takes, "
         f"and changes LODs "

@@ -205,7 +205,8 @@ class Bill:
         traced = seconds.get("traced", 0.0) * shot.survey.rays
         rays = traced / (np.log(2) * np.maximum(work.unique, 1.0))
         triangles = shot.meshes.triangles.T[:, shot.survey.owner]
-        return (seconds["unique"] + rays)[:, None, None] * triangles
+        split = seconds.get("split", 0.0) * shot.actors.split
+        return ((seconds["unique"] + rays)[:, None, None] + split) * triangles
 
     @cached_property
     def mesh_shares(self) -> np.ndarray:

@@ -12,7 +12,7 @@ from ...crowd_lod.progress import standing
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender.named_actions import group_performance
 from ..blender.ownership import OWNED
-from .bone_motion import guess_keys
+from .bone_motion import CURVES, guess_keys
 from .rig_needs import Characters, armatures, leads
 
 # bytes of a value of an attribute of a mesh, by its type, and of the weights of a vertex
@@ -28,9 +28,6 @@ BYTES = {
 }
 OTHER_BYTES = 4
 WEIGHTS = 40
-# keys a frame that a bake leaves of a rig's curve, roughly: it thins them
-BAKED_KEYS = 2.5
-CURVES = 7  # with keys, of a bone of a rig: its place and its turn, seldom its size
 EITHER_SIDE = 1.0  # frames about each baked one whose keys stay (baked_actions.py)
 
 
@@ -114,10 +111,12 @@ def holdings_of(
                 act = performance.only(gaits.actions[action])
                 diagonal = groups[g].diagonal or 2 * groups[g].radius
                 ((begin, end),) = act.spans
-                a_frame = yield from standing(guess_keys(objects, act, diagonal), g / len(groups))
-                keys = bones[g] * CURVES * ((end - begin) * a_frame + 1)
-                live_keys[g] += keys
-                baked_keys[g][action] = keys * min(1.0, BAKED_KEYS / a_frame)
+                guess = yield from standing(guess_keys(objects, act, diagonal), g / len(groups))
+                live, baked = (
+                    bones[g] * CURVES * ((end - begin) * a_frame + 1) for a_frame in guess
+                )
+                live_keys[g] += live
+                baked_keys[g][action] = baked
     # importers leave actions in the file that nothing plays
     other_keys = np.zeros(len(groups))
     other_keys[:1] = sum(_keys_in(action) for action in bpy.data.actions if OWNED not in action)
@@ -133,6 +132,7 @@ def holdings_of(
         stored=stored,
         meshes=meshes,
         triangle=np.array([_bytes_a_triangle(objects) for _, objects, _ in characters]),
+        split=np.array([_split_part(objects) for _, objects, _ in characters]),
         materials=materials,
     )
     return CastHoldings(holdings, library.moved_as(gaits, lead), baked_keys)
@@ -174,6 +174,13 @@ def _bytes_a_triangle(objects: Sequence[bpy.types.Object]) -> float:
     """Return the bytes of the objects' meshes for each of their triangles."""
     meshes = _meshes_of(objects)
     return sum(map(_bytes_of, meshes)) / max(sum(map(_triangles, meshes)), 1)
+
+
+def _split_part(objects: Sequence[bpy.types.Object]) -> float:
+    """Return the part of the objects' triangles whose corners have normals of their own."""
+    meshes = _meshes_of(objects)
+    split = sum(_triangles(mesh) for mesh in meshes if mesh.has_custom_normals)
+    return split / max(sum(map(_triangles, meshes)), 1)
 
 
 def _materials_of(objects: Sequence[bpy.types.Object]) -> set[bpy.types.Material]:

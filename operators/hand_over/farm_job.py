@@ -128,7 +128,7 @@ def outside_files() -> list[Path]:
 
 def readme_of(scene: bpy.types.Scene, job: FarmJob, paths: Sequence[Path]) -> str:
     """Return what the job needs, as text for whoever submits it."""
-    size = sizes_of(scene.crowd_lod).get("crowd_lod.bake")
+    size = sizes_of(scene.crowd_lod).get("crowd_lod.write_farm_job")
     large = f"each opens {size.file}, and takes {size.memory} for the crowd" if size else ""
     blender = bpy.app.version_string
     lines = [

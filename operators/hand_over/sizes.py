@@ -7,7 +7,7 @@ from typing import NamedTuple
 import bpy
 
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.format import number as figure
+from ...crowd_lod.format import byte_size
 from ...crowd_lod.progress import share
 from ..blender import scene_data
 from ..blender.operator import Stepwise
@@ -15,7 +15,9 @@ from ..render_setup.cost_estimate import CHOICES, estimate
 from ..settings import needs
 from ..usd.size import estimate_usd
 
-USD = "USD"  # the name of its row in the table of the estimate
+# the names of their rows in the table of the estimate
+USD = "USD"
+TASK = "Farm Task"
 
 
 class Size(NamedTuple):
@@ -26,7 +28,7 @@ class Size(NamedTuple):
 
 
 def sizes_of(settings) -> dict[str, Size]:
-    """Return the sizes of a bake and of the USD file, as far as they are estimated.
+    """Return the sizes of a bake, of the USD file and of what a farm's task opens, as far as known.
 
     The keys are the operators that make them.
     """
@@ -38,6 +40,7 @@ def sizes_of(settings) -> dict[str, Size]:
     names = {
         "crowd_lod.bake": f"{CHOICES[settings.choice]}, Baked",
         "crowd_lod.export_usd": USD,
+        "crowd_lod.write_farm_job": TASK,
     }
     return {operator: rows[name] for operator, name in names.items() if name in rows}
 
@@ -56,12 +59,14 @@ class CROWDLOD_OT_estimate(Stepwise, bpy.types.Operator):
         scene = context.scene
         settings = scene.crowd_lod
         costs = yield from share(estimate(scene, settings), 0.0, 0.7)
-        lines = [costs.table]
+        memory = costs.prices[f"{CHOICES[settings.choice]}, Baked"].memory
+        task = (TASK, byte_size(memory), byte_size(costs.rendered_file), "-")
+        lines = [costs.table, "\t".join(task)]
         sentence = costs.sentence
         with suppress(CrowdError):  # nobody is in sight, which Export USD says
             frames = scene_data.frames_of(scene)
             size = yield from share(estimate_usd(scene, frames, settings.usd_animated), 0.7, 1.0)
-            file = f"{figure(size / 1e6)} MB"
+            file = byte_size(size)
             lines.append("\t".join((USD, "-", file, "-")))
             sentence = f"{sentence} The USD file: about {file}."
         settings.estimate = "\n".join(lines)

@@ -5,7 +5,8 @@ from collections.abc import Iterator, Sequence
 import bpy
 import numpy as np
 
-from .rig_models import ROUNDING, fill_curve
+from ..characters.bone_channels import ROUNDING
+from .rig_models import fill_curve
 
 EITHER_SIDE = 1.0  # frames before and after each baked one, for motion blur
 

@@ -9,6 +9,7 @@ import numpy as np
 from ...crowd_lod.progress import share
 from ..blender.animation import armatures_of
 from ..blender.performance import Performance
+from ..characters.bone_channels import channels
 from ..characters.bone_motion import MOST_KEYS, Bones, record, split_scale
 from ..lod_meshes.source_mesh import read_weights
 
@@ -250,37 +251,6 @@ def _off(
     straight = first + part[:, None, None] * (last - first)
     true = _placed(local, channels(back @ between @ rest))
     return np.linalg.norm(_placed(local, straight) - true, axis=-1).max(axis=(1, 2))
-
-
-def channels(basis: np.ndarray) -> np.ndarray:
-    """Return location, quaternion and scale of matrices (..., 4, 4), (..., 10)."""
-    size = np.linalg.norm(basis[..., :3, :3], axis=-2)
-    turned = basis[..., :3, :3] / np.maximum(size, 1e-30)[..., None, :]
-    mirrored = np.linalg.det(turned) < 0
-    size = np.where(mirrored[..., None], -size, size)
-    turned = np.where(mirrored[..., None, None], -turned, turned)
-    return np.concatenate((basis[..., :3, 3], _quaternions(turned), size), axis=-1)
-
-
-def _quaternions(turned: np.ndarray) -> np.ndarray:
-    """Return the quaternions (..., 4), real part first, of rotation matrices (..., 3, 3).
-
-    Four times the products of a quaternion's parts are sums of a matrix's numbers. The row of the
-    largest part is the most exact (Shepperd 1978).
-    """
-    (a, b, c), (d, e, f), (g, h, i) = np.moveaxis(turned, (-2, -1), (0, 1))
-    products = np.array(
-        [
-            [1 + a + e + i, h - f, c - g, d - b],
-            [h - f, 1 + a - e - i, b + d, c + g],
-            [c - g, b + d, 1 - a + e - i, f + h],
-            [d - b, c + g, f + h, 1 - a - e + i],
-        ]
-    )
-    products = np.moveaxis(products, (0, 1), (-2, -1))
-    largest = np.diagonal(products, axis1=-2, axis2=-1).argmax(axis=-1)
-    rows = np.take_along_axis(products, largest[..., None, None], axis=-2)[..., 0, :]
-    return rows / np.linalg.norm(rows, axis=-1, keepdims=True)
 
 
 def _placed(points: np.ndarray, moved: np.ndarray) -> np.ndarray:

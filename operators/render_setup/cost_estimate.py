@@ -1,6 +1,6 @@
 """The cost of builds of a scene: full detail, LODs by ratio, LODs by tolerance."""
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -10,8 +10,9 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.animation.phase_classes import Library
+from ...crowd_lod.culling.coverage import covered_pixels
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.format import number as figure
+from ...crowd_lod.format import byte_size
 from ...crowd_lod.frame.frame import Frame, plan
 from ...crowd_lod.frame.frame_range import shot_frames, spread_evenly
 from ...crowd_lod.frame.hidden import hidden_wholly
@@ -19,9 +20,11 @@ from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.shadows import surrounded
 from ...crowd_lod.levels.assignment import LevelPolicy, deviations
 from ...crowd_lod.levels.cost_model import (
+    FILE,
     NAMES,
     Actors,
     Costs,
+    Holdings,
     Price,
     Work,
     price,
@@ -40,14 +43,13 @@ from ..machine.scene_world import bias_of
 from ..scene import lights
 from ..scene.scene_crowd import characters_of, home_of, policy_of, trajectory_of
 from ..sources.record_points import on_record
+from .file_size import weigh_file, weigh_what_renders
 from .frame_update import members
 from .render_setup import check_levels
 from .scaled_textures import bytes_of, shown_images
 
 FULL = "Full Detail"
 CHOICES = {"BY_RATIO": "By Ratio", "BY_TOLERANCE": "By Tolerance"}
-# of the square about its bounding sphere in the picture that a character covers, roughly
-COVERS = 0.15
 LEAST_HIDDEN = 0.1  # part of the agents in the picture below which hiding them gains little
 LEAST_IN_CYCLES = 10_000  # hidden agents of a frame: 17 MB and 0.1 s (docs/notes/occlusion.md)
 
@@ -75,12 +77,15 @@ class Estimate:
     hidden: part of the agents in the picture that scenery hides with their shadows; None if that is
         not asked for.
     hidden_agents: their number, the mean of the frames.
+    rendered_file: bytes of a file that holds only what a bake of the scene's own choice needs to
+        render.
     """
 
     works: dict[str, Work]
     costs: Costs
     frames: Sequence[int]
     looked_at: Sequence[int]
+    rendered_file: float
     hidden: float | None = None
     hidden_agents: float = 0.0
 
@@ -99,8 +104,8 @@ class Estimate:
         return [
             (
                 name,
-                f"{figure(price.memory / 1e6)} MB",
-                f"{figure(price.file / 1e6)} MB",
+                byte_size(price.memory),
+                byte_size(price.file),
                 f"{price.share(whole).seconds:.0%}",
             )
             for name, price in self.prices.items()
@@ -133,11 +138,11 @@ class Estimate:
     @property
     def sentence(self) -> str:
         costs = "; ".join(
-            f"{name}: memory {memory}, file {file}, time {time}"
+            f"{name}: memory {memory}, a file of {file}, time {time}"
             for name, memory, file, time in self.rows
         )
         return (
-            f"The crowd takes in {NAMES[self.costs.engine]}, {shot_frames(self.frames)}: {costs}. "
+            f"The crowd in {NAMES[self.costs.engine]}, {shot_frames(self.frames)}: {costs}. "
             f"Time is by costs of {self.costs.basis}.{self._gain}"
         )
 
@@ -216,7 +221,9 @@ def estimate(
     mine = CHOICES[settings.choice]
     pictures = shown_images(scene, settings)
     full = [(image, 0) for own in pictures.values() for image, _ in own]
-    packed = _packed_bytes({image for image, _ in full})
+    costs = costs_of(scene)
+    weight = weigh_file(scene)
+    rest = weight - _bytes_of_meshes(choices[mine], cast.groups)
     for name, choice in choices.items():
         actors = Actors(
             choice.triangles,
@@ -238,16 +245,26 @@ def estimate(
             )
             images = set(full)
             if name == mine:
-                images = set(_images(characters, settings, pictures, is_held, owner))
+                held = _objects_held(characters, settings, is_held, owner)
+                images = {image for item in held for image in pictures[item]}
+            points = work.points * len(frames) / len(looked_at)
             work = replace(
                 work,
-                points=work.points * len(frames) / len(looked_at),
+                points=points,
+                moving_points=points * scene.render.use_motion_blur,
                 images=bytes_of(images),
                 image_count=float(len(images)),
-                packed=float(packed),
+                rest=rest,
             )
             works[f"{name}, Baked" if baked and not known else name] = work
-    return Estimate(works, costs_of(scene), frames, looked_at, views.hidden, views.hidden_agents)
+    baked_work = works[mine if known else f"{mine}, Baked"]
+    is_held = views.agents_shown[mine].any(axis=0)
+    held = _objects_held(characters, settings, is_held, owner)
+    added = price(baked_work, costs).file - weight
+    once = _bytes_of_stills(choices[mine], library, is_held, owner)
+    rendered_file = weigh_what_renders(scene, held) + added - once
+    hidden = views.hidden, views.hidden_agents
+    return Estimate(works, costs, frames, looked_at, rendered_file, *hidden)
 
 
 class _Seen(NamedTuple):
@@ -293,7 +310,7 @@ def _look_at(
                 planning = partial(plan, trajectory, eyes, choice.policy, time, shutter, bias)
                 frame = yield from aside(partial(surrounded, planning, around))
                 agents_shown[name].append(_shown(frame, library, trajectory, choice.policy.count))
-            rays.append(samples * covered(frame, scene))
+            rays.append(samples * covered(frame))
             gone += hidden_wholly(frame)
             visible = len(frame.without_worn(frame.buckets).order)
             in_picture += hidden_wholly(frame) + visible
@@ -320,43 +337,48 @@ def _shown(frame: Frame, library: Library, trajectory: Trajectory, count: int) -
     return counts
 
 
-def _packed_bytes(images: set[bpy.types.Image]) -> int:
-    """Return the bytes of the images' files that are packed into the open file."""
-    files = (file.packed_file for image in images for file in image.packed_files)
-    return sum(file.size for file in files if file is not None)
+def _bytes_of_meshes(choice: Choice, holdings: Holdings) -> float:
+    """Return the bytes that the price counts for the characters' meshes and the choice's LODs."""
+    levels = stored_triangles(choice.triangles)
+    stored = np.sum(holdings.stored + levels)
+    meshes = np.sum(holdings.meshes + levels * holdings.triangle)
+    return float(FILE["stored"] * stored + FILE["meshes"] * meshes)
 
 
-def _images(
-    characters: list, settings, pictures: dict, is_held: np.ndarray, owner: np.ndarray
-) -> Iterator[tuple[bpy.types.Image, int]]:
-    """Yield the images of `pictures` that a build of `characters` shows.
+def _bytes_of_stills(
+    choice: Choice, library: Library, is_held: np.ndarray, owner: np.ndarray
+) -> float:
+    """Return the bytes of a mesh for each LOD that a bake shows in still poses.
 
-    pictures: LOD object -> its images.
+    The poses are meshes of their own, and a file that only renders needs no other.
+    is_held, owner: as of _objects_held.
+    """
+    triangles = 0.0
+    for g in np.flatnonzero(library.posed):
+        triangles += choice.triangles[g][is_held[:, owner == g].any(axis=1)].sum()
+    return FILE["stored"] * triangles
+
+
+def _objects_held(
+    characters: list, settings, is_held: np.ndarray, owner: np.ndarray
+) -> list[bpy.types.Object]:
+    """Return the objects of the LODs that a build of `characters` shows.
+
     is_held: (K, N) bool, the LODs of characters that the build holds.
     owner: (N,), the characters' groups.
     """
-    for g, (name, _, _) in enumerate(characters):
-        for k in np.flatnonzero(is_held[:, owner == g].any(axis=1)):
-            for item in home_of(settings.levels.children[k], g, name).objects:
-                yield from pictures[item]
+    return [
+        item
+        for g, (name, _, _) in enumerate(characters)
+        for k in np.flatnonzero(is_held[:, owner == g].any(axis=1))
+        for item in home_of(settings.levels.children[k], g, name).objects
+    ]
 
 
-def covered(frame: Frame, scene: bpy.types.Scene) -> float:
+def covered(frame: Frame) -> float:
     """Return roughly how many pixels of the picture the frame's agents cover."""
-    camera = frame.camera
     crowd = frame.crowd
     agents = frame.buckets.order
     spheres = frame.trajectory.spheres
-    radius = spheres.radius[crowd.group[agents]]
-    away = np.stack(crowd.places(spheres.radius, agents, camera.origin))
-    distance = 1.0 if camera.kind == "ORTHO" else np.maximum(np.sqrt((away**2).sum(axis=0)), radius)
-    return covered_pixels(scene.render, radius * camera.pixels_per_unit / distance)
-
-
-def covered_pixels(render: bpy.types.RenderSettings, radius: np.ndarray) -> float:
-    """Return roughly how many pixels of the picture characters cover.
-
-    radius: (m,) pixels, of their bounding spheres.
-    """
-    pixels = render.resolution_x * render.resolution_y * (render.resolution_percentage / 100) ** 2
-    return float(min(pixels, COVERS * ((2 * radius) ** 2).sum()))
+    places = np.stack(crowd.places(spheres.center, agents, frame.camera.origin))
+    return covered_pixels(frame.camera, places, spheres.radius[crowd.group[agents]])

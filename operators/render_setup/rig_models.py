@@ -6,11 +6,11 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
+from ..characters.bone_channels import ROUNDING, channels, turned_shortly
 from ..characters.bone_motion import Bones, split_scale
-from .close_recording import Recording, channels
+from .close_recording import Recording
 
 STILL = 1e-6  # meters, and radians: an object that moves by less stands
-ROUNDING = 1e-5  # of a bone's place, turn and size: what changes by less does not change
 TRACKS = "Crowd LOD tracks"  # a rig whose bones carry objects
 LINEAR = bpy.types.Keyframe.bl_rna.properties["interpolation"].enum_items["LINEAR"].value
 
@@ -116,11 +116,9 @@ def _bake(action: bpy.types.Action, bone: str, basis: np.ndarray, times: np.ndar
         action.layers.new("Rig").strips.new(type="KEYFRAME").channelbag(slot, ensure=True)
     curves = action.layers[0].strips[0].channelbags[0].fcurves
     places, turns, sizes = np.split(channels(basis), [3, 7], axis=1)
-    signs = np.cumprod(np.sign(np.append(1.0, (turns[1:] * turns[:-1]).sum(axis=1))) + 0.0)
-    turns *= np.where(signs == 0, 1.0, signs)[:, None]  # the short way round
     columns = {
         "location": places,
-        "rotation_quaternion": turns,
+        "rotation_quaternion": turned_shortly(turns),
         "scale": sizes,
     }
     for path, values in columns.items():

@@ -5,11 +5,12 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
+from ...crowd_lod.culling.coverage import covered_pixels
 from ...crowd_lod.levels.cost_model import Work
 from ...sample_scenes.characters import BUILDS, make_characters
 from ...sample_scenes.scenery import add, aim, camera, child, film, material, tile
 from ..blender import mesh_data, scene_data
-from ..render_setup.cost_estimate import covered_pixels
+from ..blender.cameras import read_cameras
 from ..render_setup.nodes.instances import instances
 
 ROOM = 1.5  # square meters of ground for each agent
@@ -27,6 +28,7 @@ class TrialCrowd:
     visible: how many of these agents show.
     agents: how many there are.
     nearest: meters from the camera to the first agent.
+    split: whether the corners of faces have normals of their own, as LODs have.
     """
 
     finer: int
@@ -34,6 +36,7 @@ class TrialCrowd:
     visible: int
     agents: int
     nearest: float = 4.0
+    split: bool = False
 
 
 def make_stage(scene: bpy.types.Scene, width: int) -> bpy.types.Scene:
@@ -71,17 +74,21 @@ def show_crowd(stage: bpy.types.Scene, crowd: TrialCrowd) -> Work:
     _instance(stage, shelf, places, np.arange(crowd.agents) % crowd.visible)
     mesh = body.data
     triangles = len(mesh.loops) - 2 * len(mesh.polygons)
-    meters = np.linalg.norm(np.ptp(np.array(body.bound_box), axis=0)) / 2
-    lens = stage.camera.data
-    pixels = stage.render.resolution_x * lens.lens / lens.sensor_width
-    radius = pixels * meters / np.hypot(*places.T)
+    box = np.array(body.bound_box)
+    centers = np.column_stack([places, np.full(len(places), box[:, 2].mean())])
+    radius = np.full(len(places), np.linalg.norm(np.ptp(box, axis=0)) / 2)
+    layer = stage.view_layers[0]
+    layer.update()
+    (camera,) = read_cameras(stage, layer.depsgraph)
+    unique = float(min(crowd.visible, crowd.agents) * triangles)
     return Work(
         posed=float(crowd.characters * triangles),
-        unique=float(min(crowd.visible, crowd.agents) * triangles),
+        unique=unique,
+        split=unique * crowd.split,
         instances=float(crowd.agents),
         instanced=float(crowd.agents * triangles),
         rigs=float(crowd.characters),
-        rays=covered_pixels(stage.render, radius),
+        rays=covered_pixels(camera, (centers - camera.origin).T, radius),
     )
 
 
@@ -93,6 +100,9 @@ def _make_cast(shelf: bpy.types.Collection, crowd: TrialCrowd) -> bpy.types.Obje
     (home,) = make_characters(shelf, builds=BUILDS[:1], finer=crowd.finer)
     home.name = "0000"
     rig, body = home.objects
+    if crowd.split:
+        normals = [vertex.normal for vertex in body.data.vertices]
+        body.data.normals_split_custom_set_from_vertices(normals)
     for number in range(1, crowd.characters):
         home = bpy.data.collections.new(f"{number:04d}")
         shelf.children.link(home)

@@ -5,6 +5,7 @@ from collections.abc import Generator, Iterator, Sequence
 import bpy
 
 from ...crowd_lod.crowd.agents import Group
+from ...crowd_lod.crowd.wardrobe import count_people
 from ...crowd_lod.format import counted
 from ...crowd_lod.progress import aside
 from ...crowd_lod.sources.trajectory import Trajectory
@@ -82,11 +83,10 @@ def _warnings(
 
 
 def _result(groups: Sequence[Group], trajectory: Trajectory) -> str:
-    agents = len(trajectory.bare.start)
-    worn = len(trajectory.start) - agents
-    people = [group for group in groups if not group.slot]
-    wearing = f", who wear {counted(worn, 'part')}" if worn else ""
-    return f"{counted(agents, 'agent')} in {counted(len(people), 'character group')}{wearing}."
+    rows = len(trajectory.start)
+    people = count_people(rows, rows - len(trajectory.bare.start))
+    groups = [group for group in groups if not group.slot]
+    return f"{people} in {counted(len(groups), 'character group')}."
 
 
 class CROWDLOD_OT_populate(Stepwise, bpy.types.Operator):

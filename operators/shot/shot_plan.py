@@ -24,9 +24,10 @@ from ...crowd_lod.reporting.switch_figures import png_of
 from ...crowd_lod.shot import plan_file
 from ...crowd_lod.shot.budget import BudgetPlan, decide_within
 from ...crowd_lod.shot.budget_points import BudgetPoint, budget_sentence, find_points, fitting_point
-from ...crowd_lod.shot.coloring import VARIETY, PhasePlan, plan_phases, strides_of
+from ...crowd_lod.shot.coloring import VARIETY, PhasePlan, plan_phases
 from ...crowd_lod.shot.curve import curve_of
 from ...crowd_lod.shot.exceptions import Exemption, excepted, marked
+from ...crowd_lod.shot.meetings import strides_of
 from ...crowd_lod.shot.phases import recast
 from ...crowd_lod.shot.shot_cost import Shot, meshes_of
 from ...crowd_lod.shot.survey import Survey
@@ -199,6 +200,7 @@ def _report_on(
         milliseconds=through.milliseconds,
         left_out=through.left_out,
         crops=(yield from share(drawing, CURVED, 1.0)),
+        worn=len(trajectory.start) - len(trajectory.bare.start),
     )
 
 
@@ -287,8 +289,7 @@ def sentence(planned: PlannedShot) -> str:
     above = max(bill.above(before), 0.0)
     return (
         f"{planned.report.verdict.sentence} "
-        f"{counted(frames, 'frame')} of {counted(len(planned.shot.survey.group), 'agent')} "
-        f"planned. LODs change in sight {counted(int(bill.switches.sum()), 'time')}, by distance "
+        f"{counted(frames, 'frame')} of {planned.report.people} planned. LODs change in sight {counted(int(bill.switches.sum()), 'time')}, by distance "
         f"{counted(int(before.switches.sum()), 'time')}, for {above:.1%} more cost at most{bound}."
         f"{raised}"
     )

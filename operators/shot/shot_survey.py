@@ -94,7 +94,7 @@ def survey_of(
             if f >= begin:
                 film = cameras.bound_camera(scene, time)
                 cut = f > 0 and film != cameras.bound_camera(scene, times[f - 1])
-                samples = scene_data.samples_of(scene) * covered(frame, scene)
+                samples = scene_data.samples_of(scene) * covered(frame)
                 recorder.add(frame, before, samples, cut)
                 parts.cameras.append(numbers_of(eyes))
                 took.update(frame.milliseconds)

@@ -277,7 +277,8 @@ class CROWDLOD_PT_view_layers(Step, bpy.types.Panel):
         for name, place in layers_of(context.scene).items():
             row = layout.row()
             row.use_property_split = False
-            row.prop(place, "exclude", text=name, invert_checkbox=True, translate=False)
+            # its icon, a checkbox, is a full one where the layer is not excluded
+            row.prop(place, "exclude", text=name, emboss=False, translate=False)
         layout.operator("crowd_lod.add_aovs", icon="RENDERLAYERS")
 
 
@@ -327,7 +328,7 @@ class CROWDLOD_PT_hand_over(Step, bpy.types.Panel):
         button(column, "crowd_lod.write_farm_job", icon="NETWORK_DRIVE")
         frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
         tasks = counted(-(-len(frames) // settings.farm_chunk), "task")
-        size = sizes_of(settings).get("crowd_lod.bake")
+        size = sizes_of(settings).get("crowd_lod.write_farm_job")
         label(column, f"{tasks}{f', each opens {size.file}' if size else ''}", "FILE")
 
     def bake(self, context, layout) -> None:

@@ -8,6 +8,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.animation.phase_classes import Library
+from ...crowd_lod.crowd.wardrobe import count_people
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
 from ...crowd_lod.format import number as figure
@@ -61,9 +62,13 @@ class UsdExport:
 
 @dataclass(frozen=True)
 class ExportResult:
-    """What was exported: the counts, and a sentence on each thing that differs from the plan."""
+    """What was exported: the counts, and a sentence on each thing that differs from the plan.
+
+    agents: with what they wear, of which there are `worn` parts.
+    """
 
     agents: int
+    worn: int
     prototypes: int
     off: float
     notes: tuple[str, ...]
@@ -73,7 +78,7 @@ class ExportResult:
         """The result in words."""
         return " ".join(
             (
-                f"{counted(self.agents, 'agent')} and {counted(self.prototypes, 'prototype')} are "
+                f"{count_people(self.agents, self.worn)} and {counted(self.prototypes, 'prototype')} are "
                 f"written.",
                 *self.notes,
             )
@@ -129,6 +134,7 @@ def export_usd(scene: bpy.types.Scene, request: UsdExport) -> Generator[float, N
         notes.append("USD has no panoramic cameras: the file has none for them.")
     return ExportResult(
         len(cast.agents),
+        int(np.count_nonzero(cast.agents >= len(trajectory.bare.start))),
         len(cast.prototypes),
         off,
         tuple(filter(None, (*notes, unplanned_notes(unplanned)))),

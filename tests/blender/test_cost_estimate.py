@@ -85,6 +85,7 @@ def test_the_button_fills_the_table_and_asks_for_lod_meshes(scene):
         "By Ratio",
         "By Ratio, Baked",
         "By Tolerance",
+        "Farm Task",
         "USD",
     ] and rows[1][-1] == "100%"
     scene.crowd_lod.tolerance = 2.0

@@ -7,6 +7,7 @@ import pytest
 from crowd_lod_extension.operators.blender.output_folders import output_folder
 from crowd_lod_extension.operators.hand_over.lacks import lacks_of
 from crowd_lod_extension.operators.hand_over.sizes import sizes_of
+from crowd_lod_extension.operators.render_setup.bake import keep_what_renders
 from crowd_lod_extension.operators.runs.update_all import look_again
 
 from ..support.characters import character, new, tube
@@ -28,6 +29,11 @@ def needed(scene, operator):
     return [lack.operator for lack in lacks_of(scene, operator)]
 
 
+def saved(path):
+    bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True, compress=True)
+    return path
+
+
 def test_each_output_says_what_it_needs_and_how_large_it_will_be(shot, tmp_path):
     make, plan = "crowd_lod.make_levels", "crowd_lod.plan_shot"
     assert needed(shot, "crowd_lod.bake") == [make, plan]
@@ -42,9 +48,14 @@ def test_each_output_says_what_it_needs_and_how_large_it_will_be(shot, tmp_path)
     sizes = sizes_of(shot.crowd_lod)
     assert sizes["crowd_lod.bake"].memory.endswith("MB")
     bpy.ops.crowd_lod.export_usd()
-    size = (output_folder(shot, "usd") / "crowd.usdc").stat().st_size / 1e6
-    expected = float(sizes["crowd_lod.export_usd"].file.removesuffix(" MB"))
-    assert size == pytest.approx(expected, rel=0.25)
+    files = {"crowd_lod.export_usd": output_folder(shot, "usd") / "crowd.usdc"}
+    bpy.ops.crowd_lod.bake()
+    files["crowd_lod.bake"] = saved(tmp_path / "baked.blend")
+    keep_what_renders(shot)
+    files[JOB] = saved(tmp_path / "task.blend")
+    for operator, path in files.items():
+        expected = float(sizes[operator].file.removesuffix(" kB"))
+        assert path.stat().st_size / 1e3 == pytest.approx(expected, rel=0.25), operator
 
 
 def test_a_job_of_the_panel_lies_with_its_scene_and_says_what_it_needs(shot, tmp_path):

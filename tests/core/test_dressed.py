@@ -8,6 +8,7 @@ from crowd_lod_extension.crowd_lod.crowd.agents import Draw, populate
 from crowd_lod_extension.crowd_lod.crowd.bounding_spheres import cover_wardrobes
 from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS, NOTHING
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
+from crowd_lod_extension.crowd_lod.crowd.wardrobe import count_people
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.sources.dressed import Dressed
 
@@ -21,6 +22,7 @@ BODY = walker()
 def part(name, slot, chance, excludes=()):
     """A part of BODY that is as small as a hat."""
     small = replace(BODY, name=name, center=1.8, radius=0.2, variant_of=BODY.name)
+    small = replace(small, deviations=(0.0, len(name)), bounds=(0.0, len(name)))
     return replace(small, slot=slot, chance=chance, excludes=excludes)
 
 
@@ -63,6 +65,7 @@ def test_shares_and_exclusions_hold_and_another_slot_changes_nothing_else():
     more = dressed(8000, (*GROUPS[:5], part("boots", "shoes", 0.5), GROUPS[5]))
     assert wearers(more, "cap") == caps and wearers(more, "bob") == bobs
     assert (more.bare.start.x == crowds.bare.start.x).all()
+    assert (count_people(5, 2), count_people(1, 0)) == ("3 agents (2 parts worn)", "1 agent")
     looks = crowds.looks
     assert (looks[:8000] == crowds.bare.looks).all() and 0 <= looks.min() and looks.max() < 1
     assert not (looks[8000:] == looks[crowds.wearer[8000:]]).any()
