@@ -244,7 +244,7 @@ def test_every_kind_of_budget_is_kept_at_once(engine):
     assert found.triangles.max() <= budget.triangles and found.vertices.max() <= budget.vertices
     assert found.counts[:, 0].max() <= few and found.price.memory <= budget.memory
     found = finished(decide_within(shot, Budget(finest=0)))
-    assert found.bill.counts[:, 0].max() == 0 and 0 <= found.bound < 0.15
+    assert found.bill.counts[:, 0].max() == 0 and 0 <= found.bound < 0.35
     assert (
         finished(decide_within(shot, Budget(memory=budget.memory))).bill.price.memory
         <= budget.memory
@@ -301,7 +301,7 @@ def test_plan_within_a_budget_is_the_same_on_every_python():
         found.update(
             finished(decide_within(shot, Budget(between(shot, 0.3), finest=20))).levels.tobytes()
         )
-    assert found.hexdigest()[:16] == "b0fe45e351e2f50b"
+    assert found.hexdigest()[:16] == "e24ad0fc5024edea"
 
 
 def test_crowd_of_nobody_fits():
