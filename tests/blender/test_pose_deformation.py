@@ -16,7 +16,7 @@ from ..support.characters import character, new, rig, skin, tube
 
 def arm():
     armature = rig()
-    item = new("arm", tube("arm", 16, 16))
+    item = new("arm", tube("arm"))
     skin(item, armature)
     character(item, armature, name="arm")
     return item

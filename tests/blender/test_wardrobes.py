@@ -221,6 +221,17 @@ def test_make_slot_takes_what_is_selected_or_changes_nothing(scene):
         ("adult + cap", 0.4),
         ("adult + crown", 0.4),
     ]
+    home.name = "things"  # as a user's own collection
+    del home["none"]
+    bpy.ops.object.select_all(action="DESELECT")
+    layer = bpy.context.view_layer
+    layer.active_layer_collection = layer.layer_collection.children["People"]
+    with pytest.raises(RuntimeError, match="or make a collection active that lies in a group's"):
+        bpy.ops.crowd_lod.make_slot(slot="hat")
+    groups = layer.layer_collection.children["People"].children
+    layer.active_layer_collection = groups["adult"].children["things"]
+    bpy.ops.crowd_lod.make_slot(slot="hat")
+    assert home["slot"] == "hat" and all_characters(scene)[1].chance == pytest.approx(1 / 3)
 
 
 def color_ramp(name, color):
