@@ -23,6 +23,7 @@ import bpy
 import numpy as np
 from crowd_lod_extension.crowd_lod.levels.cost_fit import fit_costs
 from crowd_lod_extension.crowd_lod.levels.cost_model import (
+    DEVELOPERS,
     SECONDS,
     Costs,
     Work,
@@ -92,7 +93,9 @@ def judge(engine: str) -> None:
     scene = bpy.context.scene
     scene.render.engine = scene_data.BLENDER_ENGINES[engine]
     calibration = calibration_of(scene)
-    machine = calibration.costs if calibration else Costs(engine, SECONDS[engine])
+    machine = (
+        calibration.costs if calibration else Costs(engine, SECONDS[engine], DEVELOPERS[engine])
+    )
     print(f"Costs of {machine.basis}")
     names = [each.name for each in fields(Work)]
     with tempfile.TemporaryDirectory() as scratch:

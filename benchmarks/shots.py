@@ -35,7 +35,8 @@ from crowd_lod_extension.crowd_lod.levels.assignment import (
 from crowd_lod_extension.crowd_lod.levels.cost_model import default_costs
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.reporting import files, tables
-from crowd_lod_extension.crowd_lod.shot.coloring import VARIETY, plan_phases, strides_of
+from crowd_lod_extension.crowd_lod.shot.coloring import VARIETY, plan_phases
+from crowd_lod_extension.crowd_lod.shot.meetings import strides_of
 from crowd_lod_extension.crowd_lod.shot.phases import recast
 from crowd_lod_extension.crowd_lod.shot.recording import Recorder, begin_recording
 from crowd_lod_extension.crowd_lod.shot.shot import decide

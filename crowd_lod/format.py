@@ -12,6 +12,14 @@ def number(value: float | None) -> str:
     return "-" if value is None else f"{value:,.0f}" if abs(value) >= 999.5 else f"{value:.3g}"
 
 
+def byte_size(size: float) -> str:
+    """Return the number of bytes as text of three digits: "724 kB", "12.9 MB", "1.2 GB"."""
+    for unit, factor in (("GB", 1e9), ("MB", 1e6)):
+        if size >= 0.9995 * factor:
+            return f"{size / factor:.3g} {unit}"
+    return f"{size / 1e3:.3g} kB"
+
+
 def counted(count: int, singular: str, plural: str = "") -> str:
     """Return the count with what is counted: "1 frame is", "2,000 frames are".
 

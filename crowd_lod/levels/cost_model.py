@@ -82,8 +82,8 @@ class Work:
         return self.rays * np.log2(np.maximum(self.unique, 1.0))
 
 
-# Bytes of memory for one of each. Cycles: within 16 % of 24 renders. EEVEE on a software GPU: 21 %
-# rms of 18 renders, 46 % at worst. docs/notes/costs.md has the builds.
+# Bytes of main memory for one of each. Cycles: within 16 % of 24 renders. EEVEE on a graphics card:
+# 23 % rms of 15 renders. docs/notes/costs.md has the builds.
 MEMORY: dict[str, dict[str, float]] = {
     "CYCLES": {
         "posed": 32,
@@ -98,21 +98,22 @@ MEMORY: dict[str, dict[str, float]] = {
         "materials": 850_000,
     },
     "EEVEE": {
-        "posed": 75,
-        "unique": 247,
-        "instances": 146_000,
-        "bones": 77_000,
+        "posed": 60,
+        "unique": 105,
+        "instances": 5000,
+        "bones": 14_700,
         "images": 1.56,
         "image_count": 10_800_000,
-        "keys": 60,
-        "other_keys": 91,
+        "keys": 225,
+        "other_keys": 140,
+        "meshes": 1.7,
         "materials": 850_000,
     },
 }
-# Seconds of one processor for one of each. Cycles: 3 % rms of the 24 renders of *Calibrate*, and 6 %
-# of 16 crowds that it does not know. EEVEE on a software GPU: 12 % rms of 40 renders at 1, 4 and 12
-# samples, 2 to 1,000 agents of 143 to 45,824 triangles. Images: 8 renders by Cycles, 13 % rms, 24 %
-# at worst; EEVEE has the same, for Blender decodes them.
+# Seconds for one of each. Cycles, of one processor: 3 % rms of the 24 renders of *Calibrate*, and 6 %
+# of 16 crowds that it does not know. EEVEE, of a graphics card (NVIDIA H100): 9 % rms of 39 renders
+# at 1 to 16 samples, 2 to 10,000 agents of 143 to 45,824 triangles. Images: 8 renders by Cycles,
+# 13 % rms, 24 % at worst; EEVEE has the same, for Blender decodes them.
 SECONDS = {
     "CYCLES": {
         "posed": 9.6e-8,
@@ -124,11 +125,12 @@ SECONDS = {
         "images": 1.1e-8,
     },
     "EEVEE": {
-        "posed": 6.7e-8,
-        "unique": 2.85e-6,
-        "instances": 4.58e-3,
-        "instanced": 4.09e-6,
-        "drawn_triangles": 1.98e-6,
+        "posed": 3e-8,
+        "unique": 6.6e-8,
+        "instances": 5.5e-6,
+        "instanced": 1.4e-8,
+        "drawn_triangles": 3.2e-9,
+        "rays": 1.2e-8,
         "images": 1.1e-8,
     },
 }
@@ -146,7 +148,11 @@ FILE: dict[str, float] = {
 }
 
 
-DEVELOPERS = "a processor of the developers"  # what SECONDS rest on, in words
+# what SECONDS rest on, in words
+DEVELOPERS = {
+    "CYCLES": "a processor of the developers",
+    "EEVEE": "a graphics card of the developers",
+}
 
 
 @dataclass(frozen=True)
@@ -160,7 +166,7 @@ class Costs:
 
     engine: str
     seconds: Mapping[str, float]
-    basis: str = DEVELOPERS
+    basis: str
 
     def with_samples(self, samples: float) -> "Costs":
         """Return the costs of renders with `samples` of each pixel.
@@ -185,7 +191,7 @@ def default_costs(engine: str, samples: float = 1.0) -> Costs:
         raise CrowdError(
             f"There are no costs of the engine {engine}: choose one of {', '.join(NAMES)}."
         )
-    return Costs(engine, SECONDS[engine]).with_samples(samples)
+    return Costs(engine, SECONDS[engine], DEVELOPERS[engine]).with_samples(samples)
 
 
 @dataclass(frozen=True)

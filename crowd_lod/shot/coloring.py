@@ -4,15 +4,16 @@ Drawn at random, a part 1 / C of all close neighbors is in step. Chosen, four cl
 step than sixteen at random do.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ..animation.phase_classes import Gaits
-from ..crowd.agents import CLASSES, FEWEST_CLASSES, Group
+from ..crowd.agents import CLASSES, FEWEST_CLASSES
 from ..progress import breath
+from .meetings import Changes, Meetings, changes_of, meetings_of
 from .phases import NEAREST, Phases, palette
 from .survey import SEEN, Survey
 
@@ -20,164 +21,10 @@ VARIETY = 0.05  # of close neighbors, at most, in step: about what CLASSES rando
 WHOLE = 3  # times a palette of FEWEST_CLASSES is doubled: it then has all CLASSES
 MOST_ROUNDS = 40  # of recoloring; some ten suffice where agents meet few others
 LITTLE = 2e-4  # of the weight of all meetings: a round that gains no more is the last
-# A foot stands for more than half of a walk's cycle and swings forward in the rest: per cycle it
-# moves beside the body at this multiple of the stride at most.
-SWING = 2.3
 # Times the tolerance, in pixels, by which a change of class may move a foot. Of near agents it may
 # move it by half of one of the CLASSES classes, as a change of pace does anyway.
 JUMP = 2.0
 NEAR = 1, 0  # agents that ever need this LOD or a finer one are near; the first that serves
-
-
-@dataclass(frozen=True)
-class Meetings:
-    """Pairs of agents that are seen close to each other while both play the same.
-
-    pair: (m, 2) int32, agents.
-    block: (m, 2) uint16, what each of them plays (phase_classes.Roles).
-    classes: (m, 2) uint8, the classes of their sources then.
-    frames: (m,) int64, in how many frames of the survey that were looked at.
-    weight: (m,) float64, by nearness and size in pixels, summed over these frames.
-    """
-
-    pair: np.ndarray
-    block: np.ndarray
-    classes: np.ndarray
-    frames: np.ndarray
-    weight: np.ndarray
-
-    def classes_of(self, phases: Phases, side: int) -> np.ndarray:
-        """Return the classes (m,) uint8 that the agents of one side, 0 or 1, show."""
-        return phases.classes_of(self.pair[:, side], self.block[:, side], self.classes[:, side])
-
-    def in_step(self, phases: Phases) -> np.ndarray:
-        """Return which of them have the same class, (m,) bool."""
-        return self.classes_of(phases, 0) == self.classes_of(phases, 1)
-
-    def share_in_step(self, phases: Phases) -> float:
-        """Return the part of the meetings that are in step, 0 without any."""
-        return float(self.frames[self.in_step(phases)].sum() / max(self.frames.sum(), 1))
-
-    def of(self, mask: np.ndarray) -> "Meetings":
-        """Return those of the mask `mask`, (m,) bool."""
-        return Meetings(
-            self.pair[mask],
-            self.block[mask],
-            self.classes[mask],
-            self.frames[mask],
-            self.weight[mask],
-        )
-
-
-def meetings_of(survey: Survey) -> Meetings:
-    """Return the meetings that `survey` has seen."""
-    assert survey.roles is not None
-    pair = survey.encounters.pair
-    character = survey.encounters.characters
-    weight = survey.encounters.weight
-    block = survey.roles.block[character].astype(np.uint16)
-    classes = survey.roles.phase_class[character]
-    key = np.column_stack((pair, block, classes))
-    order = np.lexsort(key.T)
-    key = key[order]
-    begins = np.append(True, (key[1:] != key[:-1]).any(axis=1))[: len(key)]
-    (first,) = np.nonzero(begins)
-    if not len(first):
-        return Meetings(pair, block, classes, np.empty(0, np.int64), weight)
-    longest = order[first]
-    return Meetings(
-        pair[longest],
-        block[longest],
-        classes[longest],
-        np.diff(np.append(first, len(key))),
-        np.add.reduceat(weight[order], first),
-    )
-
-
-@dataclass(frozen=True)
-class Changes:
-    """Agents that take another class in sight, as most do that begin to play something else.
-
-    agent: (m,) intp. block: (m, 2) uint16 and classes: (m, 2) uint8, before and after.
-    pixels: (m,) float64, what a jump by a whole cycle would move a foot.
-    """
-
-    agent: np.ndarray
-    block: np.ndarray
-    classes: np.ndarray
-    pixels: np.ndarray
-
-    def of(self, mask: np.ndarray) -> "Changes":
-        """Return those of the mask `mask`, (m,) bool."""
-        return Changes(self.agent[mask], self.block[mask], self.classes[mask], self.pixels[mask])
-
-    def jumps(self, phases: Phases) -> np.ndarray:
-        """Return by how many pixels each change moves a foot, (m,) float64.
-
-        Beside what the change moves with all CLASSES classes.
-        """
-        ahead = np.empty(self.classes.shape)
-        for side in (0, 1):
-            own = (self.classes[:, side] + phases.shift[self.agent]) % CLASSES
-            shown = phases.classes_of(self.agent, self.block[:, side], self.classes[:, side])
-            ahead[:, side] = (shown.astype(np.int16) - own + CLASSES // 2) % CLASSES
-        return self.pixels * np.abs(ahead[:, 1] - ahead[:, 0]) / CLASSES
-
-    def refined(self, phases: Phases, mask: np.ndarray) -> Phases:
-        """Return `phases` with finer palettes of the agents of the mask `mask`, (m,) bool.
-
-        Until they change they show the class that they have shown.
-        """
-        agent = self.agent[mask]
-        classes = self.classes[mask, 0]
-        shift = phases.shift.copy()
-        finer = phases.finer.copy()
-        shift[agent] = (phases.classes_of(agent, self.block[mask, 0], classes) - classes) % CLASSES
-        finer[agent] = phases.finer[agent] + 1
-        return replace(phases, shift=shift, finer=finer)
-
-
-def strides_of(groups: Sequence[Group], gaits: Gaits) -> np.ndarray:
-    """Return the stride of what each block plays, (B,) float64 meters; 0 of what is not a walk."""
-    return np.array(
-        [
-            group.action(gaits.actions[action]).stride
-            for group, played in zip(groups, gaits.plays, strict=True)
-            for action, _ in played
-        ]
-    )
-
-
-def changes_of(survey: Survey, strides: np.ndarray) -> Changes:
-    """Return the changes of `survey` from one walk to another; strides: of strides_of.
-
-    What is no walk is in no step that a change could break.
-    """
-    assert survey.roles is not None
-    of_block = survey.roles.block
-    walks = np.append(strides, 0.0)
-    parts = []
-    for block, character, scale in survey.cells.tables(survey.character, survey.scale):
-        is_other = survey.joined(block)
-        is_other[1:] &= character[1:] != character[:-1]
-        f, column = np.nonzero(is_other)
-        pair = np.column_stack((character[f - 1, column], character[f, column]))
-        stride = walks[of_block[pair]]
-        (walking,) = np.nonzero((stride > 0).all(axis=1))
-        pair = pair[walking]
-        pixels = scale[f, column].astype(np.float64)[walking]
-        parts.append(
-            (
-                block.agents[column[walking]],
-                of_block[pair],
-                survey.roles.phase_class[pair],
-                SWING * stride[walking, 1] * pixels,
-            )
-        )
-    if not parts:
-        none = np.empty((0, 2), np.intp)
-        return Changes(none[:, 0], none, none.astype(np.uint8), np.empty(0))
-    return Changes(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
 @dataclass(frozen=True)
@@ -234,39 +81,78 @@ def plan_phases(
         is_agent = wearer == np.arange(agents)
         meetings = meetings.of(is_agent[meetings.pair].all(axis=1))
         changes = changes.of(is_agent[changes.agent])
-    family = survey.roles.family
-    everything = Phases(
-        np.zeros(agents, np.uint8),
-        np.full(len(family), CLASSES, np.uint8),
-        np.zeros(agents, np.uint8),
-    )
-    limit = np.maximum(JUMP * (tolerance or 1.0), changes.pixels / CLASSES)
-    counts = np.where(family >= 0, FEWEST_CLASSES, CLASSES).astype(np.uint8)
     if fixed is None:
         fixed = np.zeros(agents, bool)
-    phases = replace(everything, finer=np.where(fixed, WHOLE, 0).astype(np.uint8))
-    crowded = np.ones(len(family), bool)
-    while crowded.any():
-        theirs = meetings.of(crowded[meetings.block[:, 0]])
-        phases = color(theirs, replace(phases, counts=counts), fixed)
-        while (jumping := changes.jumps(phases) > limit).any():
-            phases = color(theirs, changes.refined(phases, jumping), fixed)
-        crowded = _crowded(meetings, phases, family, variety) & (counts < CLASSES)
-        counts = counts + crowded
-    for finest in NEAR:
-        near = _nearest_agents(survey, finest) & (phases.finer == 0)
-        sharing = color(meetings, _moved_to_few(survey, phases, near), fixed, near)
-        if not _crowded(meetings, sharing, family, variety).any():
-            phases = sharing
-            break
+    family = survey.roles.family
+    limit = np.maximum(JUMP * (tolerance or 1.0), changes.pixels / CLASSES)
+
+    def crowded(phases: Phases) -> np.ndarray:
+        return _crowded(meetings, phases, family, variety)
+
+    phases = _in_few_classes(meetings, changes, limit, fixed, family, crowded)
+    phases = _near_in_fewer(survey, meetings, phases, fixed, crowded)
     if wearer is not None:
         phases = replace(phases, shift=phases.shift[wearer], finer=phases.finer[wearer])
     return PhasePlan(
         phases,
         meetings.share_in_step(phases),
-        meetings.share_in_step(everything),
+        meetings.share_in_step(_of_sources(agents, len(family))),
         float(changes.jumps(phases).max(initial=0.0)),
     )
+
+
+def _of_sources(agents: int, blocks: int) -> Phases:
+    """Return the phases that agents have from their sources, in all CLASSES classes."""
+    shift = np.zeros(agents, np.uint8)
+    return Phases(shift, np.full(blocks, CLASSES, np.uint8), np.zeros_like(shift))
+
+
+def _in_few_classes(
+    meetings: Meetings,
+    changes: Changes,
+    limit: np.ndarray,
+    fixed: np.ndarray,
+    family: np.ndarray,
+    crowded: Callable[[Phases], np.ndarray],
+) -> Phases:
+    """Return phases in the fewest classes with which no block is crowded.
+
+    Blocks begin with FEWEST_CLASSES; those that are crowded take one more, until none is.
+    limit: (m,) pixels by which each of `changes` may move a foot.
+    fixed, family: as in plan_phases.
+    crowded: gives the blocks (B,) bool in which too many neighbors are in step.
+    """
+    counts = np.where(family >= 0, FEWEST_CLASSES, CLASSES).astype(np.uint8)
+    phases = _of_sources(len(fixed), len(family))
+    phases = replace(phases, finer=np.where(fixed, WHOLE, 0).astype(np.uint8))
+    to_color = np.ones(len(family), bool)
+    while to_color.any():
+        theirs = meetings.of(to_color[meetings.block[:, 0]])
+        phases = color(theirs, replace(phases, counts=counts), fixed)
+        while (jumping := changes.jumps(phases) > limit).any():
+            phases = color(theirs, changes.refined(phases, jumping), fixed)
+        to_color = crowded(phases) & (counts < CLASSES)
+        counts = counts + to_color
+    return phases
+
+
+def _near_in_fewer(
+    survey: Survey,
+    meetings: Meetings,
+    phases: Phases,
+    fixed: np.ndarray,
+    crowded: Callable[[Phases], np.ndarray],
+) -> Phases:
+    """Return `phases` with FEWEST_CLASSES classes of near agents, where no block is crowded then.
+
+    Near are those that ever need the first LOD of NEAR, or a finer one, with which that holds.
+    """
+    for finest in NEAR:
+        near = _nearest_agents(survey, finest) & (phases.finer == 0)
+        sharing = color(meetings, _moved_to_few(survey, phases, near), fixed, near)
+        if not crowded(sharing).any():
+            return sharing
+    return phases
 
 
 def _nearest_agents(survey: Survey, finest: int) -> np.ndarray:
@@ -332,22 +218,30 @@ def color(
         is_fixed = fixed[sides.agents]
         options[:, is_fixed] = phases.shift[sides.agents[is_fixed]]
     shift = phases.shift[sides.agents]
-    everyone = np.arange(len(shift))
     for _ in range(MOST_ROUNDS):
         breath()
-        classes = sides.classes_of(shift)
-        in_step = classes == sides.other(classes)
-        now = np.bincount(sides.place, sides.weight * in_step, len(shift))
-        cost = _costs(sides, classes, options, now > 0)
-        best = cost.argmin(axis=0)
-        gain = now - cost[best, everyone]
-        changes = (gain > 1e-9 * now) & ~_outdone(gain, sides)
-        shift[changes] = options[best, everyone][changes]
-        if gain[changes].sum() <= LITTLE * sides.weight.sum():
+        if _take_better(shift, sides, options) <= LITTLE * sides.weight.sum():
             break
-    whole = phases.shift.copy()
-    whole[sides.agents] = shift
-    return replace(phases, shift=whole)
+    all_shifts = phases.shift.copy()
+    all_shifts[sides.agents] = shift
+    return replace(phases, shift=all_shifts)
+
+
+def _take_better(shift: np.ndarray, sides: "_Sides", options: np.ndarray) -> float:
+    """Let agents take the option that leaves least in step; return the weight that they gain.
+
+    shift: (a,) uint8, changed in place. options: (C, a) uint8.
+    """
+    classes = sides.classes_of(shift)
+    in_step = classes == sides.other(classes)
+    weight_now = np.bincount(sides.place, sides.weight * in_step, len(shift))
+    cost = _costs(sides, classes, options, weight_now > 0)
+    best = cost.argmin(axis=0)
+    everyone = np.arange(len(shift))
+    gain = weight_now - cost[best, everyone]
+    changes = (gain > 1e-9 * weight_now) & ~_outdone(gain, sides)
+    shift[changes] = options[best, everyone][changes]
+    return float(gain[changes].sum())
 
 
 @dataclass(frozen=True)

@@ -16,9 +16,10 @@ from .labeled_properties import CONTEXT
 
 # Seconds of work between two drawings of the window, by the seconds that the last one took: as many
 # where that is quick, so that 0.3 s pass between two looks at the user's events; half as many where
-# it is slow. Steps change data, after which Blender draws all of the window: 0.1 to 0.2 s on
-# software OpenGL, a few ms on a card.
-TICKS = (0.04, 0.1, 0.2, 0.4), (0.04, 0.1, 0.1, 0.2)
+# it is slow, or drawings would take most of the time. Steps change data, after which Blender draws
+# all of the window: 0.1 to 0.2 s on software OpenGL, a few ms on a card.
+TICKS = (0.04, 0.1, 0.2, 2.0), (0.04, 0.1, 0.1, 1.0)
+BUSY = 0.1  # at most so many of them are processor time of Blender's own thread
 # The time left is known from this progress on, where estimates of the whole differ by KNOWN at
 # most. Else the least of them may be WRONG times too long.
 EARLY = 0.25
@@ -180,9 +181,10 @@ class Stepwise(Reporting):
                 return {"PASS_THROUGH"}
             before = unfinished.note_users(self._state)
             until = clock.monotonic() + np.interp(drawing, *TICKS)
+            busy_until = clock.thread_time() + BUSY
             while True:  # small steps together
                 progress = next(self._steps)
-                if clock.monotonic() >= until:
+                if clock.monotonic() >= until or clock.thread_time() >= busy_until:
                     break
             self._state = unfinished.note(self._scene, before)
             self._rests_on = _inputs_of(self._scene)  # steps may set some for a while

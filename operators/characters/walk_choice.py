@@ -1,6 +1,7 @@
 """Which of its file's actions a character plays: the one that walks by its name or by its feet."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import bpy
 import numpy as np
@@ -11,8 +12,8 @@ from ..blender import scene_data
 from ..blender.animation import armatures_of
 from ..blender.named_actions import performance_of
 from ..machine.scene_world import machine_of
+from .action_fits import Fit, fit_of, other_actions, take, walk_of
 from .bone_motion import record
-from .take_action import fit_of, other_actions, take, walk_of
 
 FITS = 1.5  # factor between the speeds of feet and of agents within which an action walks
 NEAR = 0.05  # of the bones' height: a bone that is so near to the ground stands on it
@@ -22,35 +23,65 @@ MOST_POSES = 48  # of an action that are looked at
 USUAL = 1.25  # meters a second, of agents whose speed is not known
 
 
+@dataclass(frozen=True)
+class Walk:
+    """An action by which a rig walks, in place of the one that it plays.
+
+    reason: why it is taken, in words that follow its name; figures: the speeds that speak for it.
+    """
+
+    fit: Fit
+    reason: str
+    figures: str
+
+
 def take_walks(scene: bpy.types.Scene, items: Sequence[bpy.types.Object]) -> Iterator[str]:
     """Let the rigs among the items play the walk of their file; yield a sentence on each."""
     for rig in armatures_of(items):
-        others = other_actions(rig)
-        if not others:
+        walk = walk_among(scene, rig, items)
+        if walk is None:
             continue
         before = rig.animation_data.action
-        fit = walk_of(rig)
-        walks = [before, fit.action] if fit else [before, *others]
-        speeds = feet_speeds(rig, items, walks)
-        reason = "by whose name it walks"
-        if fit is None:
-            reason = "whose feet fit the speed best"
-            best = min(speeds, key=lambda action: _misfit(scene, speeds[action]), default=before)
-            if best != before and _misfit(scene, speeds[best]) <= np.log(FITS):
-                fit = fit_of(rig, best, [])
-        if fit is None:
-            continue
-        figures = ""
-        if before in speeds and fit.action in speeds:
-            figures = (
-                f" (its feet walk at {speeds[fit.action]:.2f} m/s, those of {before.name} at "
-                f"{speeds[before]:.2f} m/s, and agents at {_speed_of(scene):.2f} m/s)"
-            )
-        action = take(rig, fit)
+        action = take(rig, walk.fit)
         yield (
-            f"{rig.name} plays {action.name} of its file's actions, {reason}, in place of "
-            f"{before.name}{figures}."
+            f"{rig.name} plays {action.name} of its file's actions{walk.reason}, in place of "
+            f"{before.name}{walk.figures}."
         )
+
+
+def walk_among(
+    scene: bpy.types.Scene, rig: bpy.types.Object, items: Sequence[bpy.types.Object]
+) -> Walk | None:
+    """Return the walk among the rig's own actions, by its name or else by its feet.
+
+    None if there is none, or the rig walks by what it plays.
+
+    items: the character's objects.
+    """
+    others = other_actions(rig)
+    if not others:
+        return None
+    before = rig.animation_data.action
+    fit = walk_of(rig)
+    reason = ", by whose name it walks"
+    speeds = feet_speeds(rig, items, [before, fit.action] if fit else [before])
+    if fit is None:
+        reason = ", whose feet fit the speed best"
+        if before in speeds and _walks_at(scene, speeds[before]):
+            return None
+        speeds |= feet_speeds(rig, items, others)
+        best = min(speeds, key=lambda action: _misfit(scene, speeds[action]), default=before)
+        if best != before and _walks_at(scene, speeds[best]):
+            fit = fit_of(rig, best, [])
+    if fit is None:
+        return None
+    figures = ""
+    if before in speeds and fit.action in speeds:
+        figures = (
+            f" (its feet walk at {speeds[fit.action]:.2f} m/s, those of {before.name} at "
+            f"{speeds[before]:.2f} m/s, and agents at {_speed_of(scene):.2f} m/s)"
+        )
+    return Walk(fit, reason, figures)
 
 
 def feet_speeds(
@@ -111,6 +142,11 @@ def _speed_of(scene: bpy.types.Scene) -> float:
     speeds = np.hypot(*machine.velocity.T).ravel() if machine else np.empty(0)
     walking = speeds[speeds > 0] * scene_data.meters(scene)
     return float(np.median(walking)) if len(walking) else USUAL
+
+
+def _walks_at(scene: bpy.types.Scene, speed: float) -> bool:
+    """Return whether feet of this speed fit that of agents."""
+    return _misfit(scene, speed) <= np.log(FITS)
 
 
 def _misfit(scene: bpy.types.Scene, speed: float) -> float:

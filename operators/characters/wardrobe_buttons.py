@@ -11,7 +11,7 @@ from ..blender.props import PROP
 from ..settings import needs
 from .characters import all_characters, groups_in
 from .given_lods import CharacterGroup
-from .wardrobe import EXCLUDES, NONE, PREFIX, SHARE, Owner, members_of, slots_in
+from .wardrobe import EXCLUDES, NONE, PREFIX, SHARE, SLOT, Owner, members_of, slots_in
 
 
 def props_in(scene: bpy.types.Scene) -> list[bpy.types.Object]:
@@ -55,8 +55,9 @@ def make_slot(
     none: the share of the agents without, where the slot is new.
     CrowdError, and nothing has changed, if they cannot be worn.
     """
-    group = _group_with(scene, objects)
-    owner = group.owner
+    owner = _group_with(scene, objects).owner
+    if owner.library or owner.override_library:
+        raise CrowdError(f"{owner.name} is of another file: make the slot {name} there.")
     home = slots_in(owner).get(name)
     before = {item: list(item.users_collection) for item in objects}
     new = home is None
@@ -74,28 +75,62 @@ def make_slot(
         if new:
             bpy.data.collections.remove(home)
         raise
+    _offer_values(home)
+    names = ", ".join(sorted(item.name for item in objects))
+    return f"{names}: in the slot {name} of {owner.name}. Press Populate."
+
+
+def make_slot_of(
+    scene: bpy.types.Scene, home: bpy.types.Collection | None, name: str, none: float
+) -> str:
+    """Make the collection `home`, inside a character group's, its slot `name`; return a sentence.
+
+    Each of its child collections and objects is a part. The other arguments, errors: see make_slot.
+    """
+    owners = (group.owner for group in groups_in(scene, scene.crowd_lod.characters))
+    collections = (owner for owner in owners if isinstance(owner, bpy.types.Collection))
+    owner = next((owner for owner in collections if home in owner.children_recursive), None)
+    if owner is None:
+        raise CrowdError(
+            "Select objects of one character group first, hats, say, of which an agent wears one; "
+            "or make a collection active that lies in a group's and holds them."
+        )
+    before = {key: home.get(key) for key in (SLOT, NONE)}
+    try:
+        home[SLOT] = name or home.name
+        home[NONE] = none
+        all_characters(scene)
+    except CrowdError:
+        for key, value in before.items():
+            if value is None:
+                del home[key]
+            else:
+                home[key] = value
+        raise
+    _offer_values(home)
+    return f"{home.name} is a slot of {owner.name}. Press Populate."
+
+
+def _offer_values(home: bpy.types.Collection) -> None:
+    """Give the slot and its parts the custom properties that the sidebar shows."""
     _offer(home, NONE, 0.0, "Share of the agents without a part of this slot")
     _offer(home, EXCLUDES, "", "Slots that its wearers go without, by commas")
     for part, _ in members_of(home):
         _offer(part, SHARE, 1.0, "Share of the agents, in proportion to the others of its slot")
         _offer(part, EXCLUDES, "", "Slots that its wearers go without, by commas")
-    names = ", ".join(sorted(item.name for item in objects))
-    return f"{names}: in the slot {name} of {owner.name}. Press Populate."
 
 
 def _group_with(scene: bpy.types.Scene, objects: Sequence[bpy.types.Object]) -> CharacterGroup:
     """Return the group, in a collection of its own, that all objects are of."""
     for group in groups_in(scene, scene.crowd_lod.characters):
-        if objects and set(objects) <= set(group.members):
+        if set(objects) <= set(group.members):
             if isinstance(group.owner, bpy.types.Collection):
                 return group
             raise CrowdError(
                 f"The character {group.owner.name} lies in no collection of its own: put it in "
                 f"one, inside {scene.crowd_lod.characters.name}."
             )
-    raise CrowdError(
-        "Select objects of one character group first: hats, say, of which an agent wears one."
-    )
+    raise CrowdError("Select objects of one character group alone: a slot is of one.")
 
 
 def _move(item: bpy.types.Object, homes: Sequence[bpy.types.Collection]) -> None:
@@ -154,14 +189,14 @@ class CROWDLOD_OT_mark_as_prop(Reporting, bpy.types.Operator):
 class CROWDLOD_OT_make_slot(Reporting, bpy.types.Operator):
     bl_description = (
         "Put the selected objects of a character group in a slot, of which each agent wears one or "
-        "none"
+        "none; with none selected, make the active collection a slot"
     )
     bl_idname = "crowd_lod.make_slot"
     bl_label = "Make Slot"
     needs = (needs.characters,)
 
     slot: StringProperty(
-        name="Slot", description="Its name, such as hat; that of a selected object if empty"
+        name="Slot", description="Its name, such as hat; if empty, that of what is in it"
     )
     none: FloatProperty(
         name="None",
@@ -180,8 +215,12 @@ class CROWDLOD_OT_make_slot(Reporting, bpy.types.Operator):
             for item in context.selected_objects
             if item.type != "ARMATURE" and item.library is None
         ]
-        name = self.slot.strip() or (objects[0].name if objects else "")
-        return make_slot(context.scene, objects, name, round(self.none, 6))
+        scene = context.scene
+        name = self.slot.strip()
+        none = round(self.none, 6)
+        if not objects:
+            return make_slot_of(scene, context.collection, name, none)
+        return make_slot(scene, objects, name or objects[0].name, none)
 
 
 CLASSES = (CROWDLOD_OT_mark_as_prop, CROWDLOD_OT_make_slot)

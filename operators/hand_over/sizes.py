@@ -7,7 +7,7 @@ from typing import NamedTuple
 import bpy
 
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.format import number as figure
+from ...crowd_lod.format import byte_size
 from ...crowd_lod.progress import share
 from ..blender import scene_data
 from ..blender.operator import Stepwise
@@ -60,13 +60,13 @@ class CROWDLOD_OT_estimate(Stepwise, bpy.types.Operator):
         settings = scene.crowd_lod
         costs = yield from share(estimate(scene, settings), 0.0, 0.7)
         memory = costs.prices[f"{CHOICES[settings.choice]}, Baked"].memory
-        task = (TASK, f"{figure(memory / 1e6)} MB", f"{figure(costs.rendered_file / 1e6)} MB", "-")
+        task = (TASK, byte_size(memory), byte_size(costs.rendered_file), "-")
         lines = [costs.table, "\t".join(task)]
         sentence = costs.sentence
         with suppress(CrowdError):  # nobody is in sight, which Export USD says
             frames = scene_data.frames_of(scene)
             size = yield from share(estimate_usd(scene, frames, settings.usd_animated), 0.7, 1.0)
-            file = f"{figure(size / 1e6)} MB"
+            file = byte_size(size)
             lines.append("\t".join((USD, "-", file, "-")))
             sentence = f"{sentence} The USD file: about {file}."
         settings.estimate = "\n".join(lines)

@@ -26,6 +26,8 @@ from ..characters.cast_provenance import cast_inputs, of_characters
 from ..characters.stored_groups import count_of
 from ..machine.scene_world import actions_named
 from ..scene.scene_crowd import GROUP
+from ..scene.shot_exceptions import digest_of
+from ..scene.shot_reference import OVERRIDES
 from ..settings.budgets import NO_BUDGET, budget_words, holds_anyway, limits_levels
 from .level_objects import GIVEN
 from .selection import MOST_FRAMES, Limits, choose_candidates
@@ -114,7 +116,7 @@ def note_shot(
     inputs: digests of the characters, see of_characters.
     """
     top = scene.crowd_lod.levels
-    provenance.keep(top, MADE_FOR, _facts(scene) | inputs)
+    provenance.keep(top, MADE_FOR, _facts(scene) | inputs | _overrides(scene.crowd_lod))
     top[CHOSEN_FROM] = json.dumps(
         {
             "camera": _scale(scene),
@@ -223,9 +225,23 @@ def _lacks(settings) -> dict[str, tuple[str, str]]:
 def outdated(scene: bpy.types.Scene) -> str:
     """Return a sentence on what has changed since the LODs were made; "" if nothing."""
     news = ", ".join(f"{name} {then} (now {now})" for name, (then, now) in changed(scene).items())
-    names = provenance.name_inputs(edited(scene))
+    names = provenance.name_inputs(edited(scene) + _overrides_edited(scene.crowd_lod))
     told = [f"for {news}"] * bool(news) + [f"before {names} changed"] * bool(names)
     return f"LODs were made {', '.join(told)}" if told else ""
+
+
+def _overrides(settings) -> dict[str, str]:
+    """Return the digest of the overrides by their name; {} where LODs do not depend on them."""
+    if not limits_levels(settings):
+        return {}
+    return {OVERRIDES: provenance.text_digest(digest_of(settings))}
+
+
+def _overrides_edited(settings) -> list[str]:
+    """Return [OVERRIDES] if LODs were chosen for a budget under others than there are now."""
+    before = provenance.read_inputs(settings.levels, MADE_FOR) if settings.levels else {}
+    now = _overrides(settings)
+    return [name for name in now if name in before and before[name] != now[name]]
 
 
 def to_make_again(scene: bpy.types.Scene) -> str:

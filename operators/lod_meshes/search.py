@@ -180,8 +180,7 @@ class Curve:
         if not any(self.known_tries.values()):
             return [(methods[-1], about)]
         untried = [method for method in methods if not self.known_tries[method]]
-        near_enough = CLOSE * length <= self.best(length).deviation if self.tries else False
-        if near_enough and not untried and self.best(length).deviation <= length:
+        if self.tries and not untried and CLOSE * length <= self.best(length).deviation <= length:
             return []
         ratios = {method: self.ratio_for(method, length, about) for method in methods}
         best = min(methods, key=lambda method: ratios[method] * WORTH[method])
@@ -198,6 +197,13 @@ class Curve:
         self.dispensable = False
         discard([attempt.item for attempt in self.tries])
         self.tries = []
+
+    def end_length(self, chosen: Sequence[Try]) -> None:
+        """Remove the objects that were tried for a length, but for the chosen ones."""
+        discard([attempt.item for attempt in self.tries if attempt not in chosen])
+        self.tries = []
+        self.source.weight = None
+        self.weighed = False
 
     def _apart(self, method: str, ratio: float, length: float) -> float:
         """Return `ratio`, or a greater one if it was tried; 0 if there is nothing to try."""
@@ -239,33 +245,40 @@ class Search:
         Yields the progress. Returns its objects and what was measured of them. Where none fits,
         these are the character's own.
         """
-        before: list[list[Try]] = []
         yield from self._leave_out(length / USUAL)
+        fitting = yield from self._fitting(length, about)
+        if fitting is None:
+            objects = yield from self._whole()
+            fitting = objects, (yield from standing(self._measure(objects, length), 1.0))
+        for curve in self.curves:
+            curve.end_length(fitting[0])
+        return fitting
+
+    def _fitting(
+        self, length: float, about: float
+    ) -> Generator[float, None, tuple[list[Try], Figures] | None]:
+        """Find a LOD whose bound is `length` meters at most, as `find` does; None if none fits.
+
+        The tries aim at the length first. Where the whole is then farther off than they were
+        estimated, they learn from it, and aim at less the next time.
+        """
+        measured_before: list[list[Try]] = []
         for k, finer in enumerate(SAFE):
             begin = 1 - LEFT**k
             end = 1 - LEFT ** (k + 1)
-            aim = length / (USUAL * finer)
             measuring = begin + FITTED * (end - begin)
+            aim = length / (USUAL * finer)
             yield from share(self._fit(aim, about), begin, measuring)
             objects = self._best(aim)
-            if objects in before:
+            if objects in measured_before:
                 continue
-            before.append(objects)
-            steps = self._measure(objects, length)
-            measured = yield from share(steps, measuring, end)
+            measured_before.append(objects)
+            measured = yield from share(self._measure(objects, length), measuring, end)
             if measured[1] <= length:
-                break
+                return objects, measured
             yield from standing(self._learn(objects, aim, measured[1] / USUAL), end)
             self._mend_left_out(aim)
-        else:
-            objects = yield from self._whole()
-            measured = yield from standing(self._measure(objects, length), 1.0)
-        for curve in self.curves:
-            curve.source.weight = None
-            discard([attempt.item for attempt in curve.tries if attempt not in objects])
-            curve.tries = []
-            curve.weighed = False
-        return objects, measured
+        return None
 
     def _measure(self, objects: list[Try], length: float) -> Generator[float, None, Figures]:
         """Measure a LOD; if it fits `length` in the poses, then also in frames between them.

@@ -12,7 +12,7 @@ import numpy as np
 from ...crowd_lod.animation.phase_classes import Library
 from ...crowd_lod.culling.coverage import covered_pixels
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.format import number as figure
+from ...crowd_lod.format import byte_size
 from ...crowd_lod.frame.frame import Frame, plan
 from ...crowd_lod.frame.frame_range import shot_frames, spread_evenly
 from ...crowd_lod.frame.hidden import hidden_wholly
@@ -104,8 +104,8 @@ class Estimate:
         return [
             (
                 name,
-                f"{figure(price.memory / 1e6)} MB",
-                f"{figure(price.file / 1e6)} MB",
+                byte_size(price.memory),
+                byte_size(price.file),
                 f"{price.share(whole).seconds:.0%}",
             )
             for name, price in self.prices.items()

@@ -122,21 +122,22 @@ def columns_by_bucket(
     def of(column: np.ndarray) -> np.ndarray:
         return column.take(agents, mode="clip")  # several times as fast as column[agents]
 
-    place = np.empty((len(agents), 3), np.float32)
+    positions = np.empty((len(agents), 3), np.float32)
     stays = trajectory.jumped(crowd, shown_crowd.crowd, agents)
     for axis, name in enumerate("xyz"):
-        there = of(getattr(crowd, name))
-        place[:, axis] = (
-            there if stays is None else np.where(stays, of(getattr(shown_crowd.crowd, name)), there)
-        )
-    heading = of(crowd.heading)
+        values = of(getattr(crowd, name))
+        if stays is not None:
+            values = np.where(stays, of(getattr(shown_crowd.crowd, name)), values)
+        positions[:, axis] = values
     seconds = trajectory.seconds(shown_crowd.time)
     columns = {
-        "position": place,
-        "heading": heading,
+        "position": positions,
+        "heading": of(crowd.heading),
         "phase": trajectory.gaits.phase(shown_crowd.crowd, seconds, agents),
+        "group": of(crowd.group).astype(np.int32),
+        "looks": of(trajectory.looks),
+        "id": ids,
     }
-    columns |= {"group": of(crowd.group).astype(np.int32), "looks": of(trajectory.looks), "id": ids}
     if trajectory.wearer is not None:
         columns |= {"id": of(trajectory.wearer).astype(np.int32), "row": ids}
     columns["pose"] = library.character_of(trajectory.gaits, shown_crowd.crowd, seconds, agents)
@@ -146,14 +147,11 @@ def columns_by_bucket(
     leaning = trajectory.tilt(crowd, agents)
     if leaning is not None:
         columns |= dict(zip(("pitch", "roll"), leaning, strict=True))
-    columns_of_buckets = []
-    at = 0
-    for bucket in buckets:
-        columns_of_buckets.append(
-            {name: values[at : at + len(bucket)] for name, values in columns.items()}
-        )
-        at += len(bucket)
-    return columns_of_buckets
+    ends = np.cumsum([len(bucket) for bucket in buckets])
+    return [
+        {name: values[end - len(bucket) : end] for name, values in columns.items()}
+        for bucket, end in zip(buckets, ends, strict=True)
+    ]
 
 
 def indices_in(columns: dict[str, np.ndarray]) -> np.ndarray:
@@ -199,7 +197,18 @@ def empty(top: bpy.types.Collection) -> None:
             points.data.update_tag()
 
 
-Shutter = Sequence[tuple[float, Sequence[Camera]]]  # of cameras.read_shutter
+@dataclass(frozen=True)
+class Planned:
+    """The plan of a frame, and what goes with it.
+
+    held: what the frame keeps while its shutter is open.
+    shutter: the cameras at times of the open shutter, of cameras.read_shutter; () if nothing blurs.
+    """
+
+    trajectory: Trajectory
+    frame: Frame
+    held: Held
+    shutter: Sequence[tuple[float, Sequence[Camera]]]
 
 
 @dataclass(frozen=True)
@@ -212,9 +221,7 @@ class Rendering:
     """
 
     number: float
-    planned: dict[tuple[int, str], tuple[Trajectory, Frame, Held, Shutter]] = field(
-        default_factory=dict
-    )
+    planned: dict[tuple[int, str], Planned] = field(default_factory=dict)
 
 
 _rendering: dict[int, Rendering] = {}  # by the scene's session_uid
@@ -314,9 +321,11 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     )
     if layer_key not in plans:
         plans[layer_key] = _planned(scene, depsgraph, number, time, blurred)
-    trajectory, frame, held, shutter = plans[layer_key]
-    _compare(scene, depsgraph, number, time, shutter)
-    write(top, trajectory, frame, held, frame.crowd if frame.time == time else trajectory.at(time))
+    planned = plans[layer_key]
+    _compare(scene, depsgraph, number, time, planned)
+    frame = planned.frame
+    crowd = frame.crowd if frame.time == time else planned.trajectory.at(time)
+    write(top, planned.trajectory, frame, planned.held, crowd)
     clear_troubles(scene)
 
 
@@ -326,28 +335,15 @@ def _planned(
     number: float,
     time: float,
     blurred: bool,
-) -> tuple[Trajectory, Frame, Held, Shutter]:
-    """Return the plan of the timeline frame `number`, and what goes with it.
+) -> Planned:
+    """Return the plan of the timeline frame `number`.
 
     depsgraph: at `time`.
     blurred: plan all that the shutter sees.
-
-    Returns (trajectory, frame, what it holds, the cameras of its shutter).
     """
     check_levels(scene)
     trajectory = trajectory_of(scene, depsgraph=depsgraph)
-    top = scene.crowd_lod.build
-    if {bucket.name for bucket in buckets_of(scene) if not bucket.unseen_by} - points_of(
-        top
-    ).keys():
-        raise CrowdError(
-            f"The build of {scene.name} lacks LODs that its settings ask for: press Build again."
-        )
-    if top.get(MADE_FROM, made := made_from(scene)) != made:
-        raise CrowdError(
-            f"The LOD meshes of {scene.name} have changed since its build was made: press Build "
-            f"again."
-        )
+    _check_build(scene)
     whole = scene_data.remap(scene.render, number)
     with frame_stepping.stage(_stages if _rendering and len(bpy.data.scenes) > 1 else None) as at:
         # a marker's camera becomes the active one only after the handlers of its frame
@@ -365,7 +361,24 @@ def _planned(
     if frame.unplanned and _unplanned.get(scene.session_uid) != frame.unplanned:
         print(f"Crowd LOD, frame {number:g}: {frame.unplanned}", file=sys.stderr)
     _unplanned[scene.session_uid] = frame.unplanned
-    return trajectory, frame, held_by(scene, trajectory, number, frame.crowd), shutter
+    held = held_by(scene, trajectory, number, frame.crowd)
+    return Planned(trajectory, frame, held, shutter)
+
+
+def _check_build(scene: bpy.types.Scene) -> None:
+    """Raise CrowdError if the build cannot show the LODs that the scene has now."""
+    top = scene.crowd_lod.build
+    needed = {bucket.name for bucket in buckets_of(scene) if not bucket.unseen_by}
+    if needed - points_of(top).keys():
+        raise CrowdError(
+            f"The build of {scene.name} lacks LODs that its settings ask for: press Build again."
+        )
+    made_now = made_from(scene)
+    if top.get(MADE_FROM, made_now) != made_now:
+        raise CrowdError(
+            f"The LOD meshes of {scene.name} have changed since its build was made: press Build "
+            f"again."
+        )
 
 
 def _compare(
@@ -373,18 +386,18 @@ def _compare(
     depsgraph: bpy.types.Depsgraph,
     number: float,
     time: float,
-    shutter: Shutter,
+    planned: Planned,
 ) -> None:
-    """Warn once per render if cameras at `time` differ from the planned `shutter`.
+    """Warn once per render if cameras at `time` differ from those that were planned with.
 
     A render cannot step its scene, and drivers, physics or other add-ons may move the camera only
     when it is stepped.
     """
-    planned = next((eyes for when, eyes in shutter if abs(when - time) < 1e-4), ())
-    if not planned or scene.session_uid in _told:
+    planned_eyes = next((eyes for when, eyes in planned.shutter if abs(when - time) < 1e-4), ())
+    if not planned_eyes or scene.session_uid in _told:
         return
     camera = cameras.bound_camera(scene, scene_data.remap(scene.render, number))
-    if any(map(differs, planned, cameras.cameras_from(scene, camera, depsgraph))):
+    if any(map(differs, planned_eyes, cameras.cameras_from(scene, camera, depsgraph))):
         _told.add(scene.session_uid)
         print(
             f"Crowd LOD, frame {number:g}: while the shutter is open, the camera {camera.name} "

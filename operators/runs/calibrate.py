@@ -55,6 +55,10 @@ CROWDS = {
 }
 # of a pixel: seconds grow with them, and so does the minute
 MOST_SAMPLES = {"CYCLES": 16, "EEVEE": 8}
+WIDTH = 320  # of the pictures, pixels
+# a graphics card's cost of a pixel shows in wide ones alone
+WIDEST = {"CYCLES": WIDTH, "EEVEE": 4 * WIDTH}
+QUICK = 0.25  # seconds of an empty picture, below which a wider one is taken
 LONGEST = 10.0  # seconds of a render, after which no other crowd is rendered
 ENOUGH = 90.0  # seconds of all, after which no other crowd is rendered
 
@@ -64,12 +68,12 @@ class Effort:
     """What is rendered.
 
     crowds: if empty, those of CROWDS for the engine.
-    width: of the pictures, pixels.
+    width: of the pictures, pixels; wider where these are quick, up to WIDEST of the engine.
     repeats: renders of a crowd; the quickest counts.
     """
 
     crowds: tuple[TrialCrowd, ...] = ()
-    width: int = 320
+    width: int = WIDTH
     repeats: int = 2
 
 
@@ -115,6 +119,7 @@ def _render_trials(scene: bpy.types.Scene, effort: Effort) -> Generator[float, N
     most = min(samples_of(scene), MOST_SAMPLES[engine])
     stage = make_stage(scene, effort.width)
     clock = _clock_of(scene)
+    _widen(stage, WIDEST[engine], most, clock)
     begun = time.monotonic()
     empty = {}
     for samples in dict.fromkeys((most, max(most // 4, 1))):
@@ -141,6 +146,17 @@ def _render_trials(scene: bpy.types.Scene, effort: Effort) -> Generator[float, N
                 seconds.append(render_seconds - ground)
                 yield max(number / len(crowds), passed / ENOUGH)
     return Trials(works, np.array(seconds))
+
+
+def _widen(stage: bpy.types.Scene, widest: int, samples: int, clock: Callable[[], float]) -> None:
+    """Double the picture until an empty one takes QUICK or longer, or is as wide as `widest`."""
+    render = stage.render
+    while 2 * render.resolution_x <= widest:
+        _seconds(stage, samples, clock)  # loads what the next finds loaded
+        if _seconds(stage, samples, clock) >= QUICK:
+            return
+        render.resolution_x *= 2
+        render.resolution_y *= 2
 
 
 def _clock_of(scene: bpy.types.Scene) -> Callable[[], float]:

@@ -166,6 +166,7 @@ def _describe(
     run: "_Run", command: list[str], lods: list[dict], frames: list[dict]
 ) -> Generator[float, None, dict[str, Any]]:
     """Return what plan.json says of the preview, without a shot plan; yields the progress."""
+    yield from reading(run.on.stage)
     rows = [frame["row"] for frame in frames]
     notes = (
         *run.shots.notes,

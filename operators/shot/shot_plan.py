@@ -24,9 +24,10 @@ from ...crowd_lod.reporting.switch_figures import png_of
 from ...crowd_lod.shot import plan_file
 from ...crowd_lod.shot.budget import BudgetPlan, decide_within
 from ...crowd_lod.shot.budget_points import BudgetPoint, budget_sentence, find_points, fitting_point
-from ...crowd_lod.shot.coloring import VARIETY, PhasePlan, plan_phases, strides_of
+from ...crowd_lod.shot.coloring import VARIETY, PhasePlan, plan_phases
 from ...crowd_lod.shot.curve import curve_of
 from ...crowd_lod.shot.exceptions import Exemption, excepted, marked
+from ...crowd_lod.shot.meetings import strides_of
 from ...crowd_lod.shot.phases import recast
 from ...crowd_lod.shot.shot_cost import Shot, meshes_of
 from ...crowd_lod.shot.survey import Survey

@@ -70,8 +70,11 @@ class CROWDLOD_OT_edit_agent(Reporting, bpy.types.Operator):
     def run(self, context) -> str:
         scene = context.scene
         settings = context.scene.crowd_lod
-        trajectory = trajectory_of(scene).bare
+        dressed = trajectory_of(scene)
+        trajectory = dressed.bare
         agent = settings.agent
+        if dressed.wearer is not None and agent < len(dressed.wearer):
+            agent = int(dressed.wearer[agent])
         if agent >= len(trajectory.start):
             raise CrowdError(
                 f"There is no agent {agent}: the crowd has {len(trajectory.start):,}, numbered "

@@ -109,36 +109,42 @@ def rendered():
 
 
 @pytest.fixture(scope="session")
-def kept(tmp_path_factory):
-    """Where files are kept that take seconds to make."""
-    return tmp_path_factory.mktemp("kept")
+def saved_once(tmp_path_factory):
+    """(name, make) -> the scene of a file of that name, which is as make() leaves the open file.
+
+    What takes seconds to make is made by the first test that asks for it.
+    """
+    folder = tmp_path_factory.mktemp("saved")
+
+    def opened(name, make):
+        path = folder / f"{name}.blend"
+        if not path.exists():
+            make()
+            bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
+        bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False)
+        return bpy.context.scene
+
+    return opened
 
 
 @pytest.fixture
-def levelled(kept, request):
+def levelled(saved_once, request):
     """The small crowd with its LODs."""
-    return _opened(kept / f"levelled {_finer(request)}.blend", _level, request, "scene")
+    name = f"levelled {_finer(request)}"
+    return saved_once(name, lambda: _level(request.getfixturevalue("scene")))
 
 
 @pytest.fixture
-def built(kept, request):
+def built(saved_once, request):
     """The small crowd, built, under a camera that moves and turns."""
-    scene = _opened(kept / f"built {_finer(request)}.blend", _build, request, "levelled")
+    name = f"built {_finer(request)}"
+    scene = saved_once(name, lambda: _build(request.getfixturevalue("levelled")))
     scene.frame_set(1)
     return scene
 
 
 def _finer(request) -> int:
     return getattr(request.module, "FINER", CAGE)
-
-
-def _opened(path, make, request, fixture):
-    """The scene of the file `path`, which `make` makes of the scene of the `fixture`, once."""
-    if not path.exists():
-        make(request.getfixturevalue(fixture))
-        bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
-    bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False)
-    return bpy.context.scene
 
 
 def _level(scene):

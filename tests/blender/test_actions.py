@@ -63,14 +63,9 @@ def levelled(scene):
 
 
 @pytest.fixture
-def ready(kept, request):
+def ready(saved_once, request):
     """Those two with their LODs."""
-    path = kept / "waiting.blend"
-    if not path.exists():
-        levelled(request.getfixturevalue("waiting"))
-        bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
-    bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False)
-    return bpy.context.scene
+    return saved_once("waiting", lambda: levelled(request.getfixturevalue("waiting")))
 
 
 def itself(scene, group, action, phase):

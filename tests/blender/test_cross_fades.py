@@ -29,18 +29,17 @@ NEAR = 1e-4 * 1.9  # of the adult's diagonal
 
 
 @pytest.fixture
-def fading(kept, request):
+def fading(saved_once, request):
     """A character with its LODs who fades between walk and idle."""
-    path = kept / "fading.blend"
-    if not path.exists():
+
+    def make():
         scene = request.getfixturevalue("waiting")
         people = scene.crowd_lod.characters.children
         people.unlink(people["child"])
         name_actions(scene, FADING)
         levelled(scene)
-        bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
-    bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False)
-    return bpy.context.scene
+
+    return saved_once("fading", make)
 
 
 def mixed(scene, group, actions, phase, share):

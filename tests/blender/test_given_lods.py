@@ -85,6 +85,7 @@ def meshes_of(scene, k):
     return [item.data.name for item in scene.crowd_lod.levels.children[k].all_objects]
 
 
+@pytest.mark.once
 def test_lods_of_one_rig_are_one_character_and_are_used_before_ours():
     scene = bpy.context.scene
     take_people(scene, 3)

@@ -54,8 +54,8 @@ def test_each_output_says_what_it_needs_and_how_large_it_will_be(shot, tmp_path)
     keep_what_renders(shot)
     files[JOB] = saved(tmp_path / "task.blend")
     for operator, path in files.items():
-        expected = float(sizes[operator].file.removesuffix(" MB"))
-        assert path.stat().st_size / 1e6 == pytest.approx(expected, rel=0.25), operator
+        expected = float(sizes[operator].file.removesuffix(" kB"))
+        assert path.stat().st_size / 1e3 == pytest.approx(expected, rel=0.25), operator
 
 
 def test_a_job_of_the_panel_lies_with_its_scene_and_says_what_it_needs(shot, tmp_path):

@@ -13,10 +13,14 @@ from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from ..support.characters import character, new, rig, skin, tube
 
 
+def lods(scene):
+    """The LOD objects by their names."""
+    return {item.name: item for item in scene.crowd_lod.levels.all_objects}
+
+
 def run(scene):
-    """The Outcome of making the LODs, and per LOD object its mesh."""
-    outcome = finished(make_levels(scene))
-    return outcome, {item.name: item for item in scene.crowd_lod.levels.all_objects}
+    """The Outcome of making the LODs, and the LOD objects by their names."""
+    return finished(make_levels(scene)), lods(scene)
 
 
 @pytest.fixture
@@ -32,6 +36,12 @@ def two():
     character(armature, body, name="one")
     character(new("other", tube("other", 6, 4)), name="two")
     return scene
+
+
+@pytest.fixture
+def made(saved_once, request):
+    """Those two with their LODs."""
+    return saved_once("two levelled", lambda: list(make_levels(request.getfixturevalue("two"))))
 
 
 def test_nothing_changed_keeps_everything_also_after_saving(two, tmp_path):
@@ -105,11 +115,11 @@ def change_property(body):
         change_place,
     ],
 )
-def test_a_change_to_one_character_makes_that_one_anew(two, change):
-    _, first = run(two)
+def test_a_change_to_one_character_makes_that_one_anew(made, change):
+    first = lods(made)
     kept = first["other LOD 1"]
     change(bpy.data.objects["body"])
-    outcome, again = run(two)
+    outcome, again = run(made)
     assert (outcome.new, outcome.unchanged, outcome.edited) == (("one",), ("two",), ())
     assert again["other LOD 1"] == kept and set(again) == set(first)
 
@@ -157,36 +167,35 @@ def test_spheres_are_measured_anew_where_the_scene_may_show_more(two):
 
 
 @pytest.mark.once
-def test_other_settings_make_all_anew(two):
-    run(two)
-    two.crowd_lod.ratios[1] = 0.2
-    assert run(two)[0].new == ("one", "two")
-    two.crowd_lod.method = "POSE_AWARE"
-    assert run(two)[0].new == ("one", "two")
-    two.crowd_lod.level_count = 1
-    outcome, lods = run(two)
+def test_other_settings_make_all_anew(made):
+    made.crowd_lod.ratios[1] = 0.2
+    assert run(made)[0].new == ("one", "two")
+    made.crowd_lod.method = "POSE_AWARE"
+    assert run(made)[0].new == ("one", "two")
+    made.crowd_lod.level_count = 1
+    outcome, lods = run(made)
     assert outcome.new == ("one", "two") and not any(name.endswith("LOD 1") for name in lods)
 
 
-def test_what_was_edited_or_deleted_by_hand_is_made_anew_and_said(two):
-    _, first = run(two)
+def test_what_was_edited_or_deleted_by_hand_is_made_anew_and_said(made):
+    first = lods(made)
     count = len(first["other LOD 1"].data.polygons)
     first["other LOD 1"].data.vertices[0].co.x += 1
-    outcome, again = run(two)
+    outcome, again = run(made)
     assert outcome.edited == outcome.new == ("two",) and "deleted by hand: two" in outcome.sentence
     assert len(again["other LOD 1"].data.polygons) == count
     bpy.data.objects.remove(again["body LOD 1"])
-    outcome, again = run(two)
+    outcome, again = run(made)
     assert outcome.edited == ("one",) and "body LOD 1" in again
 
 
-def test_a_new_group_before_the_others_moves_the_numbers_only(two):
-    _, first = run(two)
+def test_a_new_group_before_the_others_moves_the_numbers_only(made):
+    first = lods(made)
     meshes = {name: item.data for name, item in first.items()}
     character(new("early", tube("early", 12, 12)), name="a first")
-    outcome, again = run(two)
+    outcome, again = run(made)
     assert (outcome.new, outcome.unchanged) == (("a first",), ("one", "two"))
-    assert {home.name for home in two.crowd_lod.levels.children[1].children} == {
+    assert {home.name for home in made.crowd_lod.levels.children[1].children} == {
         "000 a first LOD 1",
         "001 one LOD 1",
         "002 two LOD 1",
@@ -195,27 +204,25 @@ def test_a_new_group_before_the_others_moves_the_numbers_only(two):
 
 
 @pytest.mark.once
-def test_esc_at_any_step_leaves_what_was_there(two):
-    run(two)
+def test_esc_at_any_step_leaves_what_was_there(made):
     bpy.data.objects["body"].data.vertices[0].co.z += 0.1
     before = {block: (block.name, block.users) for block in bpy.data.user_map()}
-    levels = two.crowd_lod.levels
+    levels = made.crowd_lod.levels
     for stop in np.unique(np.geomspace(1, 2000, 20).astype(int)):
-        steps = make_levels(two)
+        steps = make_levels(made)
         for _ in range(stop):
             if next(steps) == 1:
                 return
         steps.close()
         assert {block: (block.name, block.users) for block in bpy.data.user_map()} == before
-        assert two.crowd_lod.levels == levels
+        assert made.crowd_lod.levels == levels
     raise AssertionError("more steps than were tried")
 
 
-def test_what_is_deleted_between_two_steps_is_one_sentence_and_nothing_is_left(two):
-    run(two)
-    two.crowd_lod.method, levels = "POSE_AWARE", two.crowd_lod.levels
+def test_what_is_deleted_between_two_steps_is_one_sentence_and_nothing_is_left(made):
+    made.crowd_lod.method, levels = "POSE_AWARE", made.crowd_lod.levels
     before = {block: block.name for block in bpy.data.user_map()}
-    steps = make_levels(two)
+    steps = make_levels(made)
     next(steps), next(steps), next(steps)
     other = bpy.data.objects["other"]
     del before[other]
@@ -224,7 +231,7 @@ def test_what_is_deleted_between_two_steps_is_one_sentence_and_nothing_is_left(t
         list(steps)
     assert {
         block: block.name for block in bpy.data.user_map()
-    } == before and two.crowd_lod.levels == levels
+    } == before and made.crowd_lod.levels == levels
 
 
 def test_progress_rises_from_0_to_1_with_a_step_for_each_object_and_lod(two):
@@ -243,14 +250,14 @@ def test_progress_rises_from_0_to_1_with_a_step_for_each_object_and_lod(two):
     ["x", 0.123, [1, 2], {}, {"diagonal": "x"}, {"diagonal": 1.0, "vertices": [1.5] * 3}],
     ids=lambda value: repr(value)[:12],
 )
-def test_measures_that_are_spoilt_are_made_anew(two, value):
-    _, first = run(two)
-    counts = [list(group.triangles) for group in two.crowd_lod.groups]
+def test_measures_that_are_spoilt_are_made_anew(made, value):
+    first = lods(made)
+    counts = [list(group.triangles) for group in made.crowd_lod.groups]
     for key in ("crowd_lod_measured", "crowd_lod_candidate"):
-        two.crowd_lod.levels.children[0].children[0][key] = value
-        outcome, again = run(two)
+        made.crowd_lod.levels.children[0].children[0][key] = value
+        outcome, again = run(made)
         assert (outcome.new, outcome.unchanged) == (
             ("one",),
             ("two",),
         ) and again.keys() == first.keys()
-        assert [list(group.triangles) for group in two.crowd_lod.groups] == counts
+        assert [list(group.triangles) for group in made.crowd_lod.groups] == counts

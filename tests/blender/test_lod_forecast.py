@@ -25,10 +25,10 @@ def parts_after_making(scene) -> dict[str, list[float]]:
 
 
 @pytest.fixture
-def adults(kept, request):
+def adults(saved_once, request):
     """A crowd of one character, with LODs by tolerance."""
-    path = kept / "adults by tolerance.blend"
-    if not path.exists():
+
+    def make():
         scene = request.getfixturevalue("scene")
         settings = scene.crowd_lod
         settings.characters.children.unlink(settings.characters.children["child"])
@@ -36,9 +36,8 @@ def adults(kept, request):
         settings.tolerance = 1.0
         settings.frames = "1:20"
         list(make_levels(scene))
-        bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
-    bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False)
-    return bpy.context.scene
+
+    return saved_once("adults by tolerance", make)
 
 
 def test_what_is_foretold_is_about_what_is_made(adults):

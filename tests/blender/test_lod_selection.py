@@ -14,7 +14,7 @@ from crowd_lod_extension.operators.scene import scene_crowd
 from mathutils import Vector
 
 FINER = -1  # coarser characters have a LOD that loses nothing
-MADE = "by tolerance.blend"
+MADE = "by tolerance"
 
 
 @pytest.fixture
@@ -26,11 +26,10 @@ def tolerant(scene):
 
 
 @pytest.mark.once
-def test_as_many_are_made_as_pay_and_the_build_shows_them(tolerant, kept):
+def test_as_many_are_made_as_pay_and_the_build_shows_them(tolerant, saved_once):
     settings = tolerant.crowd_lod
     before = set(bpy.data.user_map())
     list(make_levels(tolerant))
-    bpy.ops.wm.save_as_mainfile(filepath=str(kept / MADE), copy=True)
     groups = stored_groups.groups_of(settings)
     count = stored_groups.count_of(settings)
     assert count == len(settings.levels.children) == max(len(set(g.triangles)) for g in groups) >= 2
@@ -69,16 +68,13 @@ def test_as_many_are_made_as_pay_and_the_build_shows_them(tolerant, kept):
     assert len(found) == len(frame.buckets.order)
     list(make_levels(tolerant))
     assert stored_groups.groups_of(settings) == groups
+    saved_once(MADE, lambda: None)
 
 
 @pytest.fixture
-def made(kept, request):
+def made(saved_once, request):
     """That crowd with its LODs, as the test before saved it."""
-    if not (kept / MADE).exists():
-        list(make_levels(request.getfixturevalue("tolerant")))
-        bpy.ops.wm.save_as_mainfile(filepath=str(kept / MADE), copy=True)
-    bpy.ops.wm.open_mainfile(filepath=str(kept / MADE), load_ui=False)
-    return bpy.context.scene
+    return saved_once(MADE, lambda: list(make_levels(request.getfixturevalue("tolerant"))))
 
 
 @pytest.mark.once

@@ -159,6 +159,7 @@ def test_names_make_safe_and_different_files(scene, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
 
 
+@pytest.mark.once
 def test_the_picture_tints_by_the_distance_to_the_source():
     square = np.array([(0, -1, -1), (0, 1, -1), (0, 1, 1), (0, -1, 1)], float)
     faces = np.array([(0, 1, 2), (0, 2, 3)])

@@ -202,6 +202,7 @@ def test_without_a_ground_there_is_light(people, tmp_path):
     ] and scene.world is not None
 
 
+@pytest.mark.once
 def test_bad_input_is_one_sentence_and_writes_no_file(people, tmp_path, capfd):
     empty = tmp_path / "empty.blend"
     text = tmp_path / "text.blend"

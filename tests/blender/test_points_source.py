@@ -265,17 +265,16 @@ def test_bad_points_are_told_in_one_sentence(scene, told, make):
     assert not len(scene.crowd_lod.groups)
 
 
-def test_build_shows_the_points_of_each_frame(scene):
-    item = scatter(scene, instances=True)
-    crowd_of(scene, item)
-    bpy.ops.crowd_lod.make_levels()
+def test_build_shows_the_points_of_each_frame(levelled):
+    item = scatter(levelled, instances=True)
+    crowd_of(levelled, item)
     bpy.ops.crowd_lod.build()
     for number in (1, 5, 3):
-        scene.frame_set(number)
-        place, _ = instances_of(scene, item)
-        frame = frame_of(scene, scene.view_layers[0].depsgraph)
+        levelled.frame_set(number)
+        place, _ = instances_of(levelled, item)
+        frame = frame_of(levelled, levelled.view_layers[0].depsgraph)
         shown = {}
-        for points in scene.crowd_lod.build.all_objects:
+        for points in levelled.crowd_lod.build.all_objects:
             if points.name.startswith("Crowd LOD") and points.name.endswith("points"):
                 data = points.data
                 shown |= {
@@ -287,35 +286,33 @@ def test_build_shows_the_points_of_each_frame(scene):
 
 
 @pytest.mark.once
-def test_a_build_reads_points_that_are_hidden_in_viewports_and_renders(scene, rendered):
-    item = scatter(scene)
-    crowd_of(scene, item)
-    bpy.ops.crowd_lod.make_levels()
+def test_a_build_reads_points_that_are_hidden_in_viewports_and_renders(levelled, rendered):
+    item = scatter(levelled)
+    crowd_of(levelled, item)
     bpy.ops.crowd_lod.build()
     item.hide_viewport = item.hide_render = True
-    scene.frame_set(25)
-    assert trajectory_of(scene).start.x.max() == pytest.approx(-25 / 12, abs=1e-4)
+    levelled.frame_set(25)
+    assert trajectory_of(levelled).start.x.max() == pytest.approx(-25 / 12, abs=1e-4)
 
     def look(scene):
         points = [each for each in scene.crowd_lod.build.objects if each.type == "MESH"]
         return max(v.co.x for each in points for v in each.data.vertices)
 
-    assert rendered(scene, 13, look)[13] == pytest.approx(-13 / 12, abs=1e-4)
-    scene.crowd_lod.source = "MACHINE"
+    assert rendered(levelled, 13, look)[13] == pytest.approx(-13 / 12, abs=1e-4)
+    levelled.crowd_lod.source = "MACHINE"
     bpy.ops.crowd_lod.build()
     assert not [
         m
-        for each in scene.crowd_lod.build.objects
+        for each in levelled.crowd_lod.build.objects
         for m in each.modifiers
         if m.name.startswith("Points of")
     ]
 
 
 @pytest.mark.once
-def test_a_build_follows_an_edit_of_the_object_without_a_change_of_frame(scene):
-    item = scatter(scene, 3)
-    crowd_of(scene, item)
-    bpy.ops.crowd_lod.make_levels()
+def test_a_build_follows_an_edit_of_the_object_without_a_change_of_frame(levelled):
+    item = scatter(levelled, 3)
+    crowd_of(levelled, item)
     bpy.ops.crowd_lod.build()
     calls = []
     bpy.app.handlers.depsgraph_update_post.append(lambda *_: calls.append(1))
@@ -327,7 +324,7 @@ def test_a_build_follows_an_edit_of_the_object_without_a_change_of_frame(scene):
         bpy.app.handlers.depsgraph_update_post.pop()
     heights = {
         v.co.z
-        for each in scene.crowd_lod.build.objects
+        for each in levelled.crowd_lod.build.objects
         if each.type == "MESH"
         for v in each.data.vertices
     }

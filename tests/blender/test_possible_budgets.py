@@ -9,7 +9,7 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.shot.budget_points import budget_sentence
 from crowd_lod_extension.operators.blender import provenance
-from crowd_lod_extension.operators.lod_meshes.made_for import MADE_FOR, changed
+from crowd_lod_extension.operators.lod_meshes.made_for import MADE_FOR, OVERRIDES, changed, outdated
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.settings.budgets import budget_of, possible_budgets
 from crowd_lod_extension.operators.shot.shot_plan import (
@@ -84,6 +84,12 @@ def test_make_heeds_memory_and_overrides(planned):
     plan = finished(plan_shot(planned, wanted_of(planned, Path(), [1, 2])))
     assert 60 < plan.plan.bill.vertices.max() <= settings.budget_vertices
     assert plan.plan.bill.counts[:, 1:].sum() == 0
+    assert not outdated(planned)
+    entry.agents = "0-4"
+    assert outdated(planned) == "LODs were made before the overrides changed"
+    entry.use = False
+    settings.budget_vertices = 0
+    assert OVERRIDES not in outdated(planned)  # which then count for the plan alone
 
 
 def test_make_chooses_lods_for_the_budget_and_the_plan_holds_it(planned):

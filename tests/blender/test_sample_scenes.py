@@ -134,6 +134,7 @@ def test_the_chapter_sees_a_part_and_the_auxiliary_camera_all():
     assert all(frame.visible.all() for frame in frames_of(scene))
 
 
+@pytest.mark.once
 def test_the_plaza_sees_nearly_all_and_nearly_none():
     share = [frame.visible.mean() for frame in frames_of(make_scene("plaza"))]
     assert max(share) > 0.9
@@ -168,6 +169,7 @@ def test_the_plaza_map_agrees_with_its_geometry():
     assert solid[wanted].sum() > 2000 and (~solid[wanted]).sum() > 10_000
 
 
+@pytest.mark.once
 def test_people_of_the_station_stand_on_its_floors_and_keep_out_of_what_is_in_the_way():
     """Rays from the knees down meet the floor under each foot."""
     scene = make_scene("station")
@@ -200,6 +202,7 @@ def test_people_of_the_station_stand_on_its_floors_and_keep_out_of_what_is_in_th
     assert (scene.render.fps, scene.frame_start, scene.frame_end) == (24, 1, 240)
 
 
+@pytest.mark.once
 def test_who_waits_in_the_station_plays_another_action_of_the_three_groups():
     scene = make_scene("station")
     groups = group_measuring.measure_groups(scene)

@@ -8,7 +8,6 @@ import pytest
 from crowd_lod_extension.crowd_lod.crowd import state_machine as machines
 from crowd_lod_extension.operators import registration
 from crowd_lod_extension.operators.characters import group_measuring, stored_groups
-from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.machine import scene_world
 from crowd_lod_extension.operators.render_setup import render_setup
 from crowd_lod_extension.operators.scene import scene_crowd, stuck_agents
@@ -49,17 +48,16 @@ def turns(scene):
 
 @pytest.mark.once
 @pytest.mark.parametrize("forward", ["X", "-Y"])
-def test_agents_that_tilt_stand_square_on_the_ground_and_keep_their_way(scene, forward):
-    relief(scene)
-    scene.crowd_lod.tilt = True
-    scene.crowd_lod.forward = forward
-    stored_groups.store_groups(scene.crowd_lod, group_measuring.measure_groups(scene))
-    list(make_levels(scene))
-    list(render_setup.build(scene))
-    scene.frame_set(7)
-    frame = scene_crowd.frame_of(scene, bpy.context.evaluated_depsgraph_get())
-    heights = scene_crowd.trajectory_of(scene).heights
-    found = turns(scene)
+def test_agents_that_tilt_stand_square_on_the_ground_and_keep_their_way(levelled, forward):
+    relief(levelled)
+    levelled.crowd_lod.tilt = True
+    levelled.crowd_lod.forward = forward
+    stored_groups.store_groups(levelled.crowd_lod, group_measuring.measure_groups(levelled))
+    list(render_setup.build(levelled))
+    levelled.frame_set(7)
+    frame = scene_crowd.frame_of(levelled, bpy.context.evaluated_depsgraph_get())
+    heights = scene_crowd.trajectory_of(levelled).heights
+    found = turns(levelled)
     checked = 0
     own_forward = np.array({"X": (1, 0, 0), "-Y": (0, -1, 0)}[forward])
     steepest = 0.0
@@ -85,9 +83,9 @@ def test_agents_that_tilt_stand_square_on_the_ground_and_keep_their_way(scene, f
         steepest = max(steepest, np.degrees(np.arccos(normal[2])))
         checked = checked + 1
     assert checked > 50 and steepest > 20
-    scene.crowd_lod.tilt = False
-    scene.frame_set(7)
-    assert all(abs(turn[2, 2] - 1) < 1e-6 for turn in turns(scene).values())
+    levelled.crowd_lod.tilt = False
+    levelled.frame_set(7)
+    assert all(abs(turn[2, 2] - 1) < 1e-6 for turn in turns(levelled).values())
 
 
 def test_spheres_hold_characters_that_lean(scene):

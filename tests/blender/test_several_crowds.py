@@ -9,15 +9,15 @@ from crowd_lod_extension.operators.scene.scene_crowd import frame_of, trajectory
 
 
 @pytest.fixture
-def two(scene):
+def two(levelled):
     bpy.ops.crowd_lod.populate()
     bpy.ops.crowd_lod.add_crowd()
-    more = scene.crowd_lod.crowds[0]
+    more = levelled.crowd_lod.crowds[0]
     more.count = 40
     more.center = (0, 5, 3)
     more.size = (10, 10)
     more.group_names = "child"
-    return scene
+    return levelled
 
 
 def test_agents_of_the_second_crowd_follow_and_show_its_groups(two):
@@ -31,7 +31,6 @@ def test_agents_of_the_second_crowd_follow_and_show_its_groups(two):
 
 
 def test_build_has_both_and_a_hidden_crowd_leaves_it(two):
-    bpy.ops.crowd_lod.make_levels()
     bpy.ops.crowd_lod.build()
     frame = frame_of(two, bpy.context.evaluated_depsgraph_get())
     shown = _ids(two)
@@ -67,7 +66,6 @@ def test_a_plan_of_the_shot_holds_all_crowds_and_is_told_when_one_changes(two, t
     settings = two.crowd_lod
     settings.output_folder = str(tmp_path)
     two.frame_end = 3
-    bpy.ops.crowd_lod.make_levels()
     bpy.ops.crowd_lod.plan_shot()
     frame = frame_of(two, bpy.context.evaluated_depsgraph_get(), 2)
     assert frame.planned and len(frame.plan_row) == 340

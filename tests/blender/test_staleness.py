@@ -74,17 +74,17 @@ def follow(scene, name, changes):
 
 
 @pytest.mark.once
-def test_a_live_build_tells_what_it_does_not_follow(scene):
-    follow(scene, "build", CHANGES)
+def test_a_live_build_tells_what_it_does_not_follow(levelled):
+    follow(levelled, "build", CHANGES)
     for change in OF_A_BAKE.values():
-        change(scene)
-    scene.frame_set(2)
-    assert staleness.changed(scene) == []  # those it follows
+        change(levelled)
+    levelled.frame_set(2)
+    assert staleness.changed(levelled) == []  # those it follows
 
 
 @pytest.mark.once
-def test_a_bake_tells_what_differs_from_its_frames(scene):
-    follow(scene, "bake", {"the crowd": CHANGES["the crowd"]} | OF_A_BAKE)
+def test_a_bake_tells_what_differs_from_its_frames(levelled):
+    follow(levelled, "bake", {"the crowd": CHANGES["the crowd"]} | OF_A_BAKE)
     bpy.ops.crowd_lod.remove_build()
-    scene.crowd_lod.seed += 1
-    assert staleness.changed(scene) == []
+    levelled.crowd_lod.seed += 1
+    assert staleness.changed(levelled) == []

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
 from crowd_lod_extension.operators.characters.stored_groups import groups_of
+from crowd_lod_extension.operators.characters.take_action import action_outdated
 from crowd_lod_extension.operators.characters.walk_choice import take_walks
 from crowd_lod_extension.operators.sources.crowd_sources import outdated
 
@@ -150,7 +151,10 @@ def test_of_several_actions_of_a_file_the_walk_is_taken_and_that_is_said():
     settings.characters = character(item)
     settings.count = 2
     bpy.ops.crowd_lod.populate()
-    assert "walks by the action agree, and its file has walk: press Take" in settings.trouble
+    assert (
+        "walks by the action agree, and its file has walk, by whose name it walks: press Take"
+        in settings.trouble
+    )
     assert bpy.ops.crowd_lod.take_action() == {"FINISHED"}
     assert armature.animation_data.action == bpy.data.actions["walk"]
     bpy.ops.crowd_lod.populate()
@@ -178,6 +182,12 @@ def test_without_a_name_the_action_is_taken_whose_feet_fit_the_speed():
         for frame, y in ((1, 0.0), (25, way), (26, 0.0)):  # a second on the ground, then back
             foot.location = (y, -1.5, 0)  # below the rig's root
             foot.keyframe_insert("location", frame=frame)
+    settings = bpy.context.scene.crowd_lod
+    settings.characters = character(item)
+    settings.count = 2
+    bpy.ops.crowd_lod.populate()
+    told = "walks by the action nod, and its file has march, whose feet fit the speed best: press"
+    assert told in settings.trouble and not action_outdated(bpy.context.scene)
     (sentence,) = take_walks(bpy.context.scene, [armature, item])
     assert armature.animation_data.action.name == "march"
     assert "whose feet fit the speed best, in place of nod" in sentence

@@ -19,7 +19,7 @@ ROWS = replace(wanderers(80, z=False), rate=24.0)
 
 
 @pytest.fixture
-def followed(scene, tmp_path):
+def followed(levelled, tmp_path):
     """The scene, saved, with its crowd following the file tracks.txt beside it."""
     order = np.lexsort((ROWS.frame, ROWS.id))
     rows = np.column_stack([ROWS.id, ROWS.frame, ROWS.x * 100, ROWS.y * 100])[order]
@@ -30,10 +30,10 @@ def followed(scene, tmp_path):
         header="framerate: 24 fps\nid frame x/cm y/cm",
     )
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
-    settings = scene.crowd_lod
+    settings = levelled.crowd_lod
     settings.source = "FILE"
     settings.tracks_file = "//tracks.txt"
-    return scene
+    return levelled
 
 
 def test_populate_tells_of_the_file_and_the_plan_shows_who_is_there(followed, capfd):

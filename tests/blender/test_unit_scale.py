@@ -31,26 +31,19 @@ SCALES = 0.01, 1.0, 1000.0
 
 
 @pytest.fixture
-def scaled(kept):
+def scaled(saved_once):
     """(scale) -> the scene of a file whose unit is `scale` meters: characters with LODs and a
     camera.
     """
 
     def opened(scale):
-        path = kept / f"unit{scale:g}.blend"
-        if not path.exists():
-            make_scaled(scale)
-            assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
-            list(make_levels(bpy.context.scene))
-            bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
-        bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False)
-        return bpy.context.scene
+        return saved_once(f"unit {scale:g}", lambda: make_scaled(scale))
 
     return opened
 
 
 def make_scaled(scale):
-    """Two coarse sample characters and a camera in a file whose unit is `scale` meters."""
+    """Two coarse sample characters with LODs, and a camera, in units of `scale` meters."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     scene = bpy.context.scene
     scene.unit_settings.system = "METRIC"
@@ -81,6 +74,8 @@ def make_scaled(scale):
     settings.method = "DECIMATE"
     settings.thresholds[:2] = (0.2, 0.5)
     bpy.context.view_layer.update()
+    assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
+    list(make_levels(scene))
 
 
 def box(name, scale, low, high):

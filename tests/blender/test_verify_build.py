@@ -21,16 +21,11 @@ pytestmark = pytest.mark.once  # long, and the same on every Blender
 
 
 @pytest.fixture
-def street(kept):
+def street(saved_once):
     """Forty wavy tubes on a ground, seen by a camera; LOD 1 from 8 m on. Its LOD meshes are
     made.
     """
-    path = kept / "street.blend"
-    if not path.exists():
-        _make_street()
-        bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
-    bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False)
-    return bpy.context.scene
+    return saved_once("street", _make_street)
 
 
 def _make_street():

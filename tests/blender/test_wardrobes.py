@@ -112,6 +112,9 @@ def test_what_is_worn_follows_overrides_points_and_further_crowds(dressed):
     assert len(rows[0]) > 1 and not crowd.present[rows[0]].any()
     assert len(rows[1]) == 1 and crowd.group[rows[1]] == [names.index("child")]
     assert len(rows[2]) > 1 and np.allclose(crowd.x[rows[2]] - before.x[third], 3)
+    settings.agent = int(rows[2][1])  # what a large change of the plan may be of
+    bpy.ops.crowd_lod.edit_agent(kind="HIDE")
+    assert settings.exceptions[-1].agents == str(third)
     settings.exceptions.clear()
     bpy.ops.crowd_lod.add_crowd()
     settings.crowds[0].count = 50
@@ -218,6 +221,17 @@ def test_make_slot_takes_what_is_selected_or_changes_nothing(scene):
         ("adult + cap", 0.4),
         ("adult + crown", 0.4),
     ]
+    home.name = "things"  # as a user's own collection
+    del home["none"]
+    bpy.ops.object.select_all(action="DESELECT")
+    layer = bpy.context.view_layer
+    layer.active_layer_collection = layer.layer_collection.children["People"]
+    with pytest.raises(RuntimeError, match="or make a collection active that lies in a group's"):
+        bpy.ops.crowd_lod.make_slot(slot="hat")
+    groups = layer.layer_collection.children["People"].children
+    layer.active_layer_collection = groups["adult"].children["things"]
+    bpy.ops.crowd_lod.make_slot(slot="hat")
+    assert home["slot"] == "hat" and all_characters(scene)[1].chance == pytest.approx(1 / 3)
 
 
 def color_ramp(name, color):

@@ -34,14 +34,14 @@ def test_a_fit_finds_the_seconds_of_a_machine(engine):
     random = np.random.default_rng(3)
     true = {name: cost * random.uniform(0.1, 10) for name, cost in SECONDS[engine].items()}
     works = renders(random, 60)
-    machine = Costs(engine, true)
+    machine = Costs(engine, true, "a test")
     seconds = np.array([price(work, machine).seconds for work in works])
     exact = fit_seconds(engine, works, seconds)
     true["images"] = SECONDS[engine]["images"]  # no render has any
     assert exact.costs == pytest.approx(true, rel=1e-6)
     assert exact.off < 1e-9
     noisy = fit_seconds(engine, works, seconds * random.uniform(0.95, 1.05, len(works)))
-    again = np.array([price(work, Costs(engine, noisy.costs)).seconds for work in works])
+    again = np.array([price(work, Costs(engine, noisy.costs, "a test")).seconds for work in works])
     assert np.abs(again / seconds - 1).max() < 0.15
     assert min(noisy.costs.values()) >= 0 and 0.01 < noisy.off < 0.05
 

@@ -74,6 +74,7 @@ def test_stepping_converges_with_order_one(method):
     assert found.dt == pytest.approx(20 / 2.0 ** np.arange(5, 11))
 
 
+@pytest.mark.once
 def test_steps_are_exact_where_rules_move_as_the_state_they_lead_to():
     machine = load_preset("chapter")
     world = edge_map(Area(0, 0, 16, 4), machine.labels, 16)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.format import printable
+from crowd_lod_extension.crowd_lod.format import byte_size, printable
 from crowd_lod_extension.crowd_lod.reporting import file_checks, files
 
 posix = pytest.mark.skipif(os.name == "nt", reason="Windows has none of these")
@@ -335,3 +335,16 @@ def test_a_hidden_folder_that_another_run_is_removing_leaves_nothing(tmp_path):
     hidden.touch()  # the other run has moved the folder aside and put a file in its place
     files.remove_hidden(hidden)
     assert content(tmp_path) == {}
+
+
+def test_sizes_are_text_of_three_digits():
+    sizes = (0, 120, 724_000, 999_499_000, 999_600_000, 12_900_000, 3.21e9)
+    assert [*map(byte_size, sizes)] == [
+        "0 kB",
+        "0.12 kB",
+        "724 kB",
+        "999 MB",
+        "1 GB",
+        "12.9 MB",
+        "3.21 GB",
+    ]

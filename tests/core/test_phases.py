@@ -8,10 +8,11 @@ import pytest
 from crowd_lod_extension.crowd_lod.animation.phase_classes import Library, first_blocks
 from crowd_lod_extension.crowd_lod.crowd.agents import CLASSES
 from crowd_lod_extension.crowd_lod.shot import coloring
-from crowd_lod_extension.crowd_lod.shot.coloring import (
+from crowd_lod_extension.crowd_lod.shot.coloring import plan_phases
+from crowd_lod_extension.crowd_lod.shot.meetings import (
+    Meetings,
     changes_of,
     meetings_of,
-    plan_phases,
     strides_of,
 )
 from crowd_lod_extension.crowd_lod.shot.neighbors import close_pairs
@@ -177,7 +178,7 @@ def ring_of(agents):
     pair = np.column_stack((np.arange(agents), (np.arange(agents) + 1) % agents))
     zeros = np.zeros((agents, 2), int)
     ones = np.ones(agents)
-    return coloring.Meetings(pair, zeros, zeros.astype(np.uint8), ones.astype(int), ones)
+    return Meetings(pair, zeros, zeros.astype(np.uint8), ones.astype(int), ones)
 
 
 def test_what_meets_nobody_has_the_fewest_classes(shot):

@@ -268,6 +268,7 @@ def test_a_preview_is_drawn_by_the_overlay(tmp_path, capfd):
 
 
 def test_without_a_driver_it_is_said_in_a_sentence(tmp_path, capfd, monkeypatch):
+    monkeypatch.delenv("__EGL_VENDOR_LIBRARY_FILENAMES", raising=False)
     for name in ("__EGL_VENDOR_LIBRARY_DIRS", "LIBGL_DRIVERS_PATH"):
         monkeypatch.setenv(
             name, str(tmp_path)

@@ -20,6 +20,8 @@ BOUNDS = (
     np.array([[0, 1, 3, 8], [0, 2, 3, 12]]) / 64
 )  # sums of them, times whole scales, are exact in float32
 
+BLENDERS_SAMPLES = 64  # of a pixel, in EEVEE, unless the user sets others
+
 
 class Grid:
     """The values of a survey that has cells of all agents in all frames, as (F, n): views."""
@@ -87,7 +89,7 @@ def some_shot(seed, agents=3, frames=5, lods=3, engine="EEVEE", tolerance=None, 
     return Shot(
         survey,
         Meshes(TRIANGLES[:, :lods], TRIANGLES[:, :lods] / 2, BOUNDS[:, :lods]),
-        default_costs(engine),
+        default_costs(engine, BLENDERS_SAMPLES),
     )
 
 

@@ -55,6 +55,7 @@ class Watch:
 def press(button: str, **properties):
     watch = Watch()
     status = yield from robot.press(f"crowd_lod.{button}", **properties)
+    yield from robot.drawn()
     print(f"--- {button} {time.process_time():.0f} s", flush=True)
     pressed.append(button)
     freezes[f"{len(pressed)} {button}"] = watch.stop()

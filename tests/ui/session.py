@@ -45,7 +45,7 @@ def session():
         leave,
     )
     for step in (step for step in steps if not CHOSEN or step.__name__ in CHOSEN):
-        print(f"--- {step.__name__}", flush=True)
+        print(f"--- {step.__name__} {time.process_time():.0f} s", flush=True)
         started = time.monotonic()
         results[step.__name__] = yield from step()
         results[step.__name__]["seconds"] = round(time.monotonic() - started, 1)
