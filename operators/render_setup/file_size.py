@@ -14,6 +14,7 @@ from ..blender.ownership import OWNED
 from .hidden_characters import hides_characters, shows_characters
 
 SCENE = 8_000  # bytes of a scene and its settings, compressed
+WINDOWS = bpy.types.WindowManager | bpy.types.WorkSpace | bpy.types.Screen  # 4.5 crashes on them
 
 
 def weigh_file(scene: bpy.types.Scene) -> int:
@@ -22,7 +23,8 @@ def weigh_file(scene: bpy.types.Scene) -> int:
     CrowdError if there is no room to write it.
     """
     left_out = _with_users({scene, *_build_blocks(scene.crowd_lod.build)})
-    return _weigh({block for block in bpy.data.user_map() if not block.library} - left_out)
+    blocks = {block for block in bpy.data.user_map() if not block.library}
+    return _weigh({block for block in blocks - left_out if not isinstance(block, WINDOWS)})
 
 
 def weigh_what_renders(scene: bpy.types.Scene, levels: Iterable[bpy.types.Object]) -> int:
