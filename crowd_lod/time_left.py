@@ -17,7 +17,7 @@ class TimeLeft:
     further ones.
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         self._wholes: deque[tuple[float, float]] = deque()  # (at which second, estimated seconds)
 
     def words(self, progress: float, seconds: float) -> str:
