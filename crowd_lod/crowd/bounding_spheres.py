@@ -22,7 +22,7 @@ class Spheres:
 
 
 def spheres_of(groups: Sequence[Group]) -> Spheres:
-    """Return the bounding spheres of `groups`; a wardrobe's have one reach (see cover_wardrobes)."""
+    """Return the bounding spheres of `groups`, with one reach for all that an agent wears."""
     dressed = {group.variant_of for group in groups if group.slot}
     reach = {name: max(group.reach for group in groups if group.family == name) for name in dressed}
     return Spheres(
@@ -50,7 +50,7 @@ def bounding_sphere(points: np.ndarray, reach: np.ndarray | float = 0.0) -> tupl
 def cover_wardrobes(groups: Sequence[Group]) -> tuple[Group, ...]:
     """Return `groups`, those of a wardrobe with the smallest sphere that holds the whole family.
 
-    A family is a group with its parts. So an agent is culled with all that it wears.
+    A family is a group with its parts: so an agent is culled with all that it wears.
     """
     families: dict[str, list[Group]] = {}
     for group in groups:

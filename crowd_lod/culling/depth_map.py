@@ -37,13 +37,13 @@ def map_depths(
     low, high, nearest = place_components(occluders, camera, grid)
     components = np.argsort(-(high - low).prod(axis=1))
     components = components[np.isfinite(nearest[components])]
-    largest, others = np.split(components, [LARGEST])
+    largest, smaller = np.split(components, [LARGEST])
     nearness = _draw(read_sheets(occluders, largest, cameras, grid), grid)
     # what lies behind these adds nothing: in a street five of six houses
-    first = np.floor(low[others]).astype(np.intp)
-    last = np.minimum(np.floor(high[others]), grid.size - 1).astype(np.intp)
-    others = others[nearest[others] > RectangleMinima(nearness).of(first, last)]
-    return np.maximum(nearness, _draw(read_sheets(occluders, others, cameras, grid), grid))
+    first = np.floor(low[smaller]).astype(np.intp)
+    last = np.minimum(np.floor(high[smaller]), grid.size - 1).astype(np.intp)
+    smaller = smaller[nearest[smaller] > RectangleMinima(nearness).of(first, last)]
+    return np.maximum(nearness, _draw(read_sheets(occluders, smaller, cameras, grid), grid))
 
 
 def _draw(sheets: Sheets, grid: Grid) -> np.ndarray:

@@ -100,10 +100,10 @@ def read_sheets(
     """Return the sheets of `components` (k,) in the picture of the first camera."""
     shape = occluders.shape
     number = np.flatnonzero(np.isin(shape.component, components))
-    used = np.zeros(len(occluders.points), bool)
-    used[shape.triangles[number]] = True
-    row = np.cumsum(used) - 1  # of each vertex among those that are used
-    points = occluders.points[used]
+    is_used = np.zeros(len(occluders.points), bool)
+    is_used[shape.triangles[number]] = True
+    row = np.cumsum(is_used) - 1  # of each vertex among those that are used
+    points = occluders.points[is_used]
     views = [view_points(points, camera) for camera in cameras]
     facing = _facing(views[0][row[shape.triangles[number]]], cameras[0])
     sheet = np.full(len(shape.triangles) + 1, -1)  # the last stands for no triangle

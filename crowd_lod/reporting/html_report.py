@@ -71,8 +71,8 @@ def parts_of(plan: dict) -> list[str]:
         f"{escape(_rule(levels))}</p>",
         cards(_figures(rows, len(tints))),
         f"<p>{escape(plan['trouble_says'])}</p>" if plan["trouble_says"] else "",
-        f'<section><a href="contact_sheet.png"><img src="contact_sheet.png" alt="All frames, tinted by '
-        f'LOD and from above"></a><p>{_legend(tints)}</p></section>',
+        '<section><a href="contact_sheet.png"><img src="contact_sheet.png" '
+        f'alt="All frames, tinted by LOD and from above"></a><p>{_legend(tints)}</p></section>',
         "<h2>Levels of detail</h2>",
         f"<p>Deviation is the largest distance between the surfaces of LOD and character, both "
         f"ways, over the action: "

@@ -88,14 +88,13 @@ def lead_of(report: ShotReport) -> str:
     _, triangles, memory = of_full_detail(report.shot, bill)
     frames = len(report.numbers)
     engine = NAMES[report.shot.costs.engine]
+    planned = counted(int(bill.switches.sum()), "time")
+    by_distance = counted(int(before.switches.sum()), "time")
     return (
-        f"{counted(frames, 'frame')} of {report.people} for {engine}. The "
-        f"plan takes "
+        f"{counted(frames, 'frame')} of {report.people} for {engine}. The plan takes "
         f"{triangles:.1%} of the triangles and {memory:.0%} of the memory that full detail takes, "
-        f"and changes LODs "
-        f"{int(bill.switches.sum()):,} times in sight. Thresholds, frame by frame, change them "
-        f"{int(before.switches.sum()):,} times "
-        f"and cost {_less(bill.above(before))}. {_in_step(report)}"
+        f"and changes LODs {planned} in sight. Thresholds, frame by frame, change them "
+        f"{by_distance} and cost {_less(bill.above(before))}. {_in_step(report)}"
     )
 
 
@@ -157,7 +156,7 @@ def warnings_of(report: ShotReport) -> list[str]:
         )
     if entries := int(report.entries.sum()):
         sentences.append(
-            f"{entries:,} times an agent appears or vanishes at once, by the near or far clip of "
+            f"{counted(entries, 'time')} an agent appears or vanishes at once, by the near or far clip of "
             f"the camera, in {_frames(report.numbers[report.entries > 0])}: change the clip, or "
             f"where the crowd starts."
         )

@@ -77,16 +77,18 @@ def recast(survey: Survey, phases: Phases) -> Survey:
     """Return `survey` with the characters that agents show by `phases`."""
     assert survey.roles is not None
     character = np.empty_like(survey.character)
-    for cells, shown, rows, kind in survey.cells.tables(character, survey.character, survey.kind):
+    for cells, new_characters, rows, kind in survey.cells.tables(
+        character, survey.character, survey.kind
+    ):
         # what an agent shows follows from its character, which few change from frame to frame
         is_new = np.ones(rows.shape, bool)
         np.not_equal(rows[1:], rows[:-1], out=is_new[1:])
         f, column = np.nonzero(is_new)
         own = rows[f, column]
-        shown[f, column] = _recast(survey.roles, phases, cells.agents[column], own)
+        new_characters[f, column] = _recast(survey.roles, phases, cells.agents[column], own)
         for g in range(1, len(rows)):
-            np.copyto(shown[g], shown[g - 1], where=~is_new[g])
-        shown[kind == CULLED] = 0
+            np.copyto(new_characters[g], new_characters[g - 1], where=~is_new[g])
+        new_characters[kind == CULLED] = 0
     return replace(survey, character=character)
 
 
@@ -94,8 +96,8 @@ def _recast(roles: Roles, phases: Phases, agents: np.ndarray, character: np.ndar
     """Return the characters (m,) that `agents` (m,) show by `phases`, of what they show without."""
     block = roles.block[character]
     (rigged,) = np.nonzero(block >= 0)
-    own = roles.phase_class[character[rigged]]
-    shown = phases.classes_of(agents[rigged], block[rigged], own)
+    classes = roles.phase_class[character[rigged]]
+    shown = phases.classes_of(agents[rigged], block[rigged], classes)
     recast = character.copy()
-    recast[rigged] += (shown.astype(np.int32) - own).astype(recast.dtype)
+    recast[rigged] += (shown.astype(np.int32) - classes).astype(recast.dtype)
     return recast

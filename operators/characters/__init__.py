@@ -1,4 +1,4 @@
-"""The characters of a crowd: groups and variants, their extent, props, actions and rigs.
+"""The characters of a crowd: groups and wardrobes, their extent, actions and rigs.
 
 In: collections of objects. Out: Group; notes on what is not as people are. What is made of a
     selection goes back into the file.

@@ -97,10 +97,10 @@ def _family(top: bpy.types.Collection, group: CharacterGroup) -> Iterator[Charac
     body, wardrobe = wardrobe_of(owner, group.members, shapes)
     lods = [GivenLod(parts(owner, lod.objects), lod.offset) for lod in group.lods]
     worn = [item for item in shapes if item not in body]
-    given = _lods_of(lods, lambda item: item not in worn and _stem(item) not in _stems(worn))
-    yield Character(owner.name, body, group.origin, given_lods=given)
+    of_body = _lods_of(lods, lambda item: item not in worn and _stem(item) not in _stems(worn))
+    yield Character(owner.name, body, group.origin, given_lods=of_body)
     for part in wardrobe:
-        given = _lods_of(
+        of_part = _lods_of(
             lods, lambda item, worn=part.objects: item not in worn and _stem(item) in _stems(worn)
         )
         yield Character(
@@ -109,7 +109,7 @@ def _family(top: bpy.types.Collection, group: CharacterGroup) -> Iterator[Charac
             group.origin,
             owner.name,
             part.chance,
-            given,
+            of_part,
             part.slot,
             part.excludes,
         )

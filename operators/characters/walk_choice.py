@@ -16,6 +16,8 @@ from .action_fits import Fit, fit_of, other_actions, take, walk_of
 from .bone_motion import record
 
 FITS = 1.5  # factor between the speeds of feet and of agents within which an action walks
+BETTER = 4.0  # the same, where the rig would glide: a run in slow motion is better
+STANDS = 0.1  # of the agents' speed: feet that walk slower stand
 NEAR = 0.05  # of the bones' height: a bone that is so near to the ground stands on it
 STILL = 0.001  # of the bones' height: a bone that moves less than that stays where it is
 LANDED = 0.25  # of the poses: in so many at least a foot is on the ground, of a run as well
@@ -71,7 +73,8 @@ def walk_among(
             return None
         speeds |= feet_speeds(rig, items, others)
         best = min(speeds, key=lambda action: _misfit(scene, speeds[action]), default=before)
-        if best != before and _walks_at(scene, speeds[best]):
+        stands = speeds.get(before, 0.0) < STANDS * _speed_of(scene)
+        if best != before and _walks_at(scene, speeds[best], BETTER if stands else FITS):
             fit = fit_of(rig, best, [])
     if fit is None:
         return None
@@ -144,9 +147,9 @@ def _speed_of(scene: bpy.types.Scene) -> float:
     return float(np.median(walking)) if len(walking) else USUAL
 
 
-def _walks_at(scene: bpy.types.Scene, speed: float) -> bool:
-    """Return whether feet of this speed fit that of agents."""
-    return _misfit(scene, speed) <= np.log(FITS)
+def _walks_at(scene: bpy.types.Scene, speed: float, factor: float = FITS) -> bool:
+    """Return whether feet of this speed fit that of agents to within the factor."""
+    return _misfit(scene, speed) <= np.log(factor)
 
 
 def _misfit(scene: bpy.types.Scene, speed: float) -> float:

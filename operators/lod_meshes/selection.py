@@ -85,7 +85,7 @@ def views(
     cast = yield from standing(holdings_of(characters, trajectory, library), 0.0)
     first = library.first(gaits)
     moving = library.owner(gaits)[np.unique(cast.moved_as)]
-    # the part of a group's characters with rigs: those of variants count where they are made
+    # the part of a group's characters with rigs: those that move parts count where they are made
     rigged = np.bincount(moving, minlength=len(first) - 1) / np.diff(first)
     views_of = [[] for _ in trajectory.groups]
     for number, (frame, eyes) in enumerate(zip(looked_at, cameras, strict=True), start=1):

@@ -16,6 +16,7 @@ from .skinned_characters import Character
 PURPLE = (0.45, 0.2, 0.75)
 BROWN = (0.25, 0.12, 0.05)
 SLATE = (0.12, 0.2, 0.28)
+BLACK = (0.01, 0.01, 0.01)
 ERRORS = 0.25, 0.5, 1.0, 2.0  # pixels, where the next color begins
 ERROR_TINTS = (  # from green to red
     (0.02, 0.35, 0.05),
@@ -85,7 +86,7 @@ def by_reason(frame: Frame) -> Colors:
     """
     return Colors(
         reasons(frame),
-        _opaque([*TINTS, PURPLE, BROWN, SLATE]),
+        _opaque([*TINTS, PURPLE, BROWN, SLATE, BLACK]),
         culled=True,
         names=tuple(reason[:1].upper() + reason[1:] for reason in REASONS),
     )

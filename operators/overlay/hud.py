@@ -13,6 +13,7 @@ from ...crowd_lod.frame.frame import Frame
 from ..blender.color_space import to_srgb
 from . import shader_programs
 from .agent_colors import Colors
+from .draw_data import HIDDEN
 from .gpu_draw import LINE_PIXELS
 
 STAGES = {
@@ -74,6 +75,9 @@ def figures(
         Line(f"LOD {k}  {count:,}", colors.of_name(k) if colors.by_lod else None)
         for k, count in counts
     ]
+    if frame.hidden is not None:
+        hidden = frame.hidden[: len(frame.trajectory.bare.start)].sum()
+        lines.append(Line(f"Behind scenery  {hidden:,}", None if colors.culled else HIDDEN[:3]))
     lines += [] if colors.by_lod else legend(colors)
     lines += map(Line, notes)
     if frame.full_triangles:

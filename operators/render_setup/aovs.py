@@ -59,12 +59,12 @@ def add_aovs(scene: bpy.types.Scene) -> str:
 
 def materials_of(scene: bpy.types.Scene) -> Iterator[bpy.types.Material]:
     """Yield each material of the characters that the build of `scene` shows, once."""
-    known = set()
+    past_materials = set()
     for shelf in shelves_of(scene.crowd_lod.build).values():
         for item in shelf.all_objects:
             for slot in item.material_slots:
-                if slot.material is not None and slot.material not in known:
-                    known.add(slot.material)
+                if slot.material is not None and slot.material not in past_materials:
+                    past_materials.add(slot.material)
                     yield slot.material
 
 

@@ -54,12 +54,29 @@ def _names(scene: bpy.types.Scene) -> list[str]:
         return []
     builds = {owner.crowd_lod.build for owner in bpy.data.scenes}
     names = []
-    for item in scene.objects:
+    for item in _all_objects(scene):
         if LEVEL in item and any(map(_is_live, item.modifiers)):
             homes = item.users_collection
             if builds.isdisjoint(homes):
                 names.append(next((home.name for home in homes if MADE_FROM in home), item.name))
     return sorted(set(names))
+
+
+def _all_objects(scene: bpy.types.Scene) -> set[bpy.types.Object]:
+    """Return the scene's objects, and those of collections that it instances, as *Link* does."""
+    reached = {*scene.objects}
+    newest = reached
+    while (
+        newest := {
+            item
+            for empty in newest
+            if empty.instance_type == "COLLECTION" and empty.instance_collection
+            for item in empty.instance_collection.all_objects
+        }
+        - reached
+    ):
+        reached |= newest
+    return reached
 
 
 def _is_live(modifier: bpy.types.Modifier) -> bool:

@@ -1,6 +1,6 @@
 """The cost of builds of a scene: full detail, LODs by ratio, LODs by tolerance."""
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -219,11 +219,13 @@ def estimate(
     views = yield from _look_at(scene, settings, looked_at)
     works = {}
     mine = CHOICES[settings.choice]
-    pictures = shown_images(scene, settings)
-    full = [(image, 0) for own in pictures.values() for image, _ in own]
     costs = costs_of(scene)
     weight = weigh_file(scene)
     rest = weight - _bytes_of_meshes(choices[mine], cast.groups)
+    pictures = shown_images(scene, settings)
+    builds = _Builds(
+        scene, settings, characters, owner, len(frames) / len(looked_at), pictures, rest
+    )
     for name, choice in choices.items():
         actors = Actors(
             choice.triangles,
@@ -238,33 +240,61 @@ def estimate(
         in_bake = replace(actors, holdings=cast.baked(frames, trajectory, library, used))
         for baked in (known,) if known or name != mine else (False, True):
             work = work_of(in_bake if baked else actors, agents_shown, views.rays, baked)
-            is_held = (
-                agents_shown.any(axis=0)
-                if baked
-                else np.arange(choice.policy.count)[:, None] >= actors.finest[owner]
+            least = actors.finest[owner]
+            is_held = agents_shown.any(axis=0)
+            if not baked:
+                is_held = np.arange(choice.policy.count)[:, None] >= least
+            works[f"{name}, Baked" if baked and not known else name] = builds.with_the_rest(
+                work, is_held if name == mine else None
             )
-            images = set(full)
-            if name == mine:
-                held = _objects_held(characters, settings, is_held, owner)
-                images = {image for item in held for image in pictures[item]}
-            points = work.points * len(frames) / len(looked_at)
-            work = replace(
-                work,
-                points=points,
-                moving_points=points * scene.render.use_motion_blur,
-                images=bytes_of(images),
-                image_count=float(len(images)),
-                rest=rest,
-            )
-            works[f"{name}, Baked" if baked and not known else name] = work
     baked_work = works[mine if known else f"{mine}, Baked"]
     is_held = views.agents_shown[mine].any(axis=0)
-    held = _objects_held(characters, settings, is_held, owner)
+    objects = _objects_held(characters, settings, is_held, owner)
     added = price(baked_work, costs).file - weight
     once = _bytes_of_stills(choices[mine], library, is_held, owner)
-    rendered_file = weigh_what_renders(scene, held) + added - once
+    rendered_file = weigh_what_renders(scene, objects) + added - once
     hidden = views.hidden, views.hidden_agents
     return Estimate(works, costs, frames, looked_at, rendered_file, *hidden)
+
+
+@dataclass(frozen=True)
+class _Builds:
+    """What is alike in all builds of a scene, whichever LODs they hold.
+
+    owner: (L,) the group of each character.
+    frames: how many frames of the shot each frame stands for that was looked at.
+    pictures: of each object its images, with the LOD for which each is scaled.
+    rest: bytes of the file that are no meshes.
+    """
+
+    scene: bpy.types.Scene
+    settings: bpy.types.PropertyGroup
+    characters: Sequence[tuple]
+    owner: np.ndarray
+    frames: float
+    pictures: Mapping
+    rest: float
+
+    def with_the_rest(self, work: Work, is_held: np.ndarray | None) -> Work:
+        """Return the work of the characters with points, images and the rest of the file.
+
+        is_held: (K, L) bool, the LODs of each character that the build holds; None where its
+            objects are not made, and count with the images of all.
+        """
+        if is_held is None:
+            images = {(image, 0) for of_object in self.pictures.values() for image, _ in of_object}
+        else:
+            objects = _objects_held(self.characters, self.settings, is_held, self.owner)
+            images = {image for item in objects for image in self.pictures[item]}
+        points = work.points * self.frames
+        return replace(
+            work,
+            points=points,
+            moving_points=points * self.scene.render.use_motion_blur,
+            images=bytes_of(images),
+            image_count=float(len(images)),
+            rest=self.rest,
+        )
 
 
 class _Seen(NamedTuple):
@@ -294,7 +324,7 @@ def _look_at(
     samples = scene_data.samples_of(scene)
     agents_shown: dict[str, list[np.ndarray]] = {name: [] for name in choices}
     rays = []
-    gone = 0
+    hidden_agents = 0
     in_picture = 0
     with frame_stepping.step_frames(scene) as at:
         for number_done, number in enumerate(numbers):
@@ -311,14 +341,14 @@ def _look_at(
                 frame = yield from aside(partial(surrounded, planning, around))
                 agents_shown[name].append(_shown(frame, library, trajectory, choice.policy.count))
             rays.append(samples * covered(frame))
-            gone += hidden_wholly(frame)
+            hidden_agents += hidden_wholly(frame)
             visible = len(frame.without_worn(frame.buckets).order)
             in_picture += hidden_wholly(frame) + visible
             yield (number_done + 1) / len(numbers)
     counts = {name: np.array(rows) for name, rows in agents_shown.items()}
-    share_hidden = gone / max(in_picture, 1) if settings.occlusion else None
+    share_hidden = hidden_agents / max(in_picture, 1) if settings.occlusion else None
     planned = max(len(numbers) * len(choices), 1)
-    return _Seen(counts, np.array(rays), share_hidden, gone / planned)
+    return _Seen(counts, np.array(rays), share_hidden, hidden_agents / planned)
 
 
 def _shown(frame: Frame, library: Library, trajectory: Trajectory, count: int) -> np.ndarray:

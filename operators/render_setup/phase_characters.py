@@ -69,7 +69,7 @@ class _Actors:
     stage, actors: see as_rendered.
     performance: what it plays.
     models: of each of the actions that agents play, if rigs can show the group.
-    rig_of: the rigs made so far, by model, rate and class; variants of a group share them.
+    rig_of: the rigs made so far, by model, rate and class; a group and its parts share them.
     """
 
     g: int

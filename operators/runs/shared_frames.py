@@ -160,10 +160,10 @@ def make_frames(
                 prepared = True
             done = len(numbers) - len(missing) + len(_whole(parts, missing))
             steps = (PREPARED + (1 - PREPARED) * (done + k) / len(numbers) for k in range(2))
-            found, pictures = yield from share(make(number), *steps)
+            new_facts, pictures = yield from share(make(number), *steps)
             # the folder may be another run's by now, and the plan that the frame follows gone
             sharing.check_parent()
-            facts[number] = parts.store(number, found, pictures)
+            facts[number] = parts.store(number, new_facts, pictures)
         if sharing.parent:  # the rest is made by others
             break
         while len(_whole(parts, missing)) < len(missing) and any(

@@ -24,9 +24,9 @@ from .shot_reference import use_of
 def set_down(entry: bpy.types.PropertyGroup) -> None:
     """Update a group after on_ground changed: move its sphere and LODs to its feet."""
     entry.center += -entry.lowest if entry.on_ground else entry.lowest
-    for variant in entry.id_data.crowd_lod.groups:
-        if variant.variant_of == entry.name and variant.on_ground != entry.on_ground:
-            variant.on_ground = entry.on_ground
+    for part in entry.id_data.crowd_lod.groups:
+        if part.variant_of == entry.name and part.on_ground != entry.on_ground:
+            part.on_ground = entry.on_ground
     if entry.lowest:
         with suppress(CrowdError):  # there are no characters; nothing shows LODs then
             place_levels(entry.id_data)

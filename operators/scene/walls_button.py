@@ -7,6 +7,7 @@ import bpy
 from ...crowd_lod.crowd.machine_edits import edit_text
 from ...crowd_lod.crowd.machine_walls import WALL, add_wall
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import counted
 from ..blender import scene_data
 from ..blender.character_objects import is_scenery
 from ..blender.operator import Reporting
@@ -80,7 +81,7 @@ def _lead_round(
     map_areas.add_areas(crowd, items, WALL)
     cells = map_areas.make(crowd, depsgraph)
     name = f"{crowd.name}: " if len(crowd.id_data.crowd_lod.crowds) else ""
-    return f"{name}{_listed(items)}: {len(items)} walls on {cells:,} cells of the map.{turned}"
+    return f"{name}{_listed(items)}: {counted(len(items), 'wall')} on {counted(cells, 'cell')} of the map.{turned}"
 
 
 def _add_wall_label(settings) -> str:

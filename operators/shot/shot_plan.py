@@ -289,7 +289,8 @@ def sentence(planned: PlannedShot) -> str:
     above = max(bill.above(before), 0.0)
     return (
         f"{planned.report.verdict.sentence} "
-        f"{counted(frames, 'frame')} of {planned.report.people} planned. LODs change in sight {counted(int(bill.switches.sum()), 'time')}, by distance "
+        f"{counted(frames, 'frame')} of {planned.report.people} planned. LODs change in sight "
+        f"{counted(int(bill.switches.sum()), 'time')}, by distance "
         f"{counted(int(before.switches.sum()), 'time')}, for {above:.1%} more cost at most{bound}."
         f"{raised}"
     )

@@ -399,10 +399,10 @@ def draw_of(crowd, groups: Sequence[Group]) -> Draw:
             f"its Groups may name "
             f"{', '.join(present)}; with none, all are used."
         )
-    named = tuple(g for g, group in people.items() if not names or group.name in names)
-    shares = tuple(groups[g].share for g in named)
+    numbers = tuple(g for g, group in people.items() if not names or group.name in names)
+    shares = tuple(groups[g].share for g in numbers)
     alike = len(set(shares)) == 1 and shares[0] > 0
-    return Draw(len(shares) if alike else shares, named)
+    return Draw(len(shares) if alike else shares, numbers)
 
 
 def widen_for_lean(groups: tuple[Group, ...], heights: Ground) -> tuple[Group, ...]:

@@ -2,7 +2,7 @@
 
 import bpy
 
-from ...crowd_lod.format import number
+from ...crowd_lod.format import counted, number
 from ...crowd_lod.levels.assignment import MOST_LEVELS
 from ...crowd_lod.shot.budget_points import fitting_point
 from ..blender import scene_data
@@ -115,7 +115,7 @@ class CROWDLOD_PT_statistics(_Popover, bpy.types.Panel):
             table(self.layout, (group.name, "Triangles", "Deviates", "From"), rows)
         lines = settings.dropped.splitlines()
         if settings.choice == "BY_TOLERANCE" and lines:
-            label(self.layout, f"Not made: {len(lines)} candidates")
+            label(self.layout, f"Not made: {counted(len(lines), 'candidate')}")
             for line in lines[:MOST_ROWS]:
                 paragraph(self.layout, line, "DOT", LETTERS)
 

@@ -277,6 +277,7 @@ class CROWDLOD_PT_view_layers(Step, bpy.types.Panel):
         for name, place in layers_of(context.scene).items():
             row = layout.row()
             row.use_property_split = False
+            row.alignment = "LEFT"
             # its icon, a checkbox, is a full one where the layer is not excluded
             row.prop(place, "exclude", text=name, emboss=False, translate=False)
         layout.operator("crowd_lod.add_aovs", icon="RENDERLAYERS")
@@ -340,11 +341,11 @@ class CROWDLOD_PT_hand_over(Step, bpy.types.Panel):
         row.enabled = not is_baked or "Bake" in due_steps(scene)
         button(row, "crowd_lod.bake", "Update Bake" if is_baked else "Bake", "FREEZE")
         if size := sizes_of(settings).get("crowd_lod.bake"):
-            label(layout, f"About {size.file} in the file, {size.memory} in renders", "FILE")
+            label(layout, f"File {size.file}, {size.memory} in renders", "FILE")
         if is_baked:
             label(layout, _built(settings.build), "CHECKMARK" if not row.enabled else "INFO")
         elif settings.build is not None:
-            label(layout, "The live build moves with Crowd LOD alone", "INFO")
+            label(layout, "The live build needs Crowd LOD", "INFO")
 
 
 def _lacks(scene: bpy.types.Scene) -> list[Lack]:

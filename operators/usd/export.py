@@ -78,8 +78,8 @@ class ExportResult:
         """The result in words."""
         return " ".join(
             (
-                f"{count_people(self.agents, self.worn)} and {counted(self.prototypes, 'prototype')} are "
-                f"written.",
+                f"{count_people(self.agents, self.worn)} and "
+                f"{counted(self.prototypes, 'prototype')} are written.",
                 *self.notes,
             )
         )

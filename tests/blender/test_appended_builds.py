@@ -52,6 +52,8 @@ def test_without_its_scene_it_says_that_it_stands_still_by_name(built, tmp_path,
         f"scene's settings"
     )
     assert steps.messages(scene)[0][0].startswith(told) and steps.messages(scene)[0][1] == "ERROR"
+    if kind == "Object":  # renders say the same
+        return
     scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
     scene.collection.objects.link(scene.camera)
     scene.render.engine = "BLENDER_WORKBENCH"
@@ -77,6 +79,19 @@ def test_a_linked_scene_says_that_it_stands_still_and_an_appended_bake_nothing(b
     path = tmp_path / "baked.blend"
     names = saved(built, path)
     assert not standing_still(append(path, "Collection", names["Collection"]))
+
+
+def test_a_linked_instance_of_a_live_build_says_that_it_stands_still(built, tmp_path):
+    path = tmp_path / "live.blend"
+    (name,) = saved(built, path)["Collection"]
+    with bpy.data.libraries.load(str(path), link=True) as (_, linked):
+        linked.collections = [name]
+    scene = bpy.context.scene
+    empty = bpy.data.objects.new("Instance", None)  # as File, Link makes it
+    empty.instance_type = "COLLECTION"
+    (empty.instance_collection,) = linked.collections
+    scene.collection.objects.link(empty)
+    assert standing_still(scene).startswith(f"The build {name} came from another file")
 
 
 def test_a_build_in_its_own_file_says_nothing(built):

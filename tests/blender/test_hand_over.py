@@ -46,7 +46,7 @@ def test_each_output_says_what_it_needs_and_how_large_it_will_be(shot, tmp_path)
     assert needed(shot, JOB) == []
     bpy.ops.crowd_lod.estimate()
     sizes = sizes_of(shot.crowd_lod)
-    assert sizes["crowd_lod.bake"].memory.endswith("MB")
+    assert sizes["crowd_lod.bake"].memory.endswith("kB")
     bpy.ops.crowd_lod.export_usd()
     files = {"crowd_lod.export_usd": output_folder(shot, "usd") / "crowd.usdc"}
     bpy.ops.crowd_lod.bake()

@@ -288,7 +288,7 @@ def test_impossible_budget_says_what_is_possible(worst):
         CrowdError, match=f"vertices is impossible: frame {frame} takes {least / 2:,.0f} at least"
     ):
         finished(decide_within(shot, Budget(vertices=worst)))
-    megabytes = f"{coarsest.price.memory / 1e6:,.1f} MB at least, with the coarsest LODs"
+    megabytes = f"{np.ceil(coarsest.price.memory / 1e5) / 10} MB at least, with the coarsest LODs"
     with pytest.raises(CrowdError, match=f"MB is impossible: the shot takes {megabytes}"):
         finished(decide_within(shot, Budget(memory=worst)))
     finished(decide_within(shot, Budget(least, least / 2, 0, coarsest.price.memory)))

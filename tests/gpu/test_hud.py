@@ -21,7 +21,7 @@ from crowd_lod_extension.operators.overlay.agent_colors import (
     by_reason,
     by_state,
 )
-from crowd_lod_extension.operators.overlay.draw_data import Style, drawing
+from crowd_lod_extension.operators.overlay.draw_data import HIDDEN, Style, drawing
 from crowd_lod_extension.operators.overlay.gpu_batches import Batches
 from crowd_lod_extension.operators.overlay.viewport_camera import camera_of, viewpoint
 
@@ -45,6 +45,9 @@ def test_lines_tell_all_figures_of_the_frame():
     said = texts(hud.figures(frame, by_level(frame), worst=0.4321))
     assert said[:4] == ["6 agents, 4 visible, 33.3% culled", "LOD 0  2", "LOD 1  1", "LOD 2  1"]
     assert said[4:] == ["Triangles  20 k of 50 k without LOD", "Largest error  0.432 px"]
+    frame = replace(frame, hidden=np.arange(6) > 4)
+    (line,) = (line for line in hud.figures(frame, by_level(frame)) if "scenery" in line.text)
+    assert line == hud.Line("Behind scenery  1", HIDDEN[:3])
 
 
 def test_lines_of_lods_bear_their_tints_and_an_agent_that_of_its_own():
