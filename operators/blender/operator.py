@@ -1,7 +1,6 @@
 """Base classes of the operators."""
 
 import time as clock
-from collections import deque
 from collections.abc import Callable
 from typing import Any
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from ...crowd_lod.errors import FAULTS, sentence
 from ...crowd_lod.progress import finished
+from ...crowd_lod.time_left import TimeLeft
 from . import collection_caches, sidebars, unfinished
 from .guard import handler
 from .labeled_properties import CONTEXT
@@ -20,11 +20,6 @@ from .labeled_properties import CONTEXT
 # all of the window: 0.1 to 0.2 s on software OpenGL, a few ms on a card.
 TICKS = (0.04, 0.1, 0.2, 2.0), (0.04, 0.1, 0.1, 1.0)
 BUSY = 0.1  # at most so many of them are processor time of Blender's own thread
-# The time left is known from this progress on, where estimates of the whole differ by KNOWN at
-# most. Else the least of them may be WRONG times too long.
-EARLY = 0.25
-KNOWN = 1.4
-WRONG = 1.5
 # Seconds between two texts on the progress. Software OpenGL takes 40 ms to draw one in the sidebar
 # and the status bar.
 SHOWN_EVERY = 0.5
@@ -37,44 +32,6 @@ JOBS = ("RENDER", "OBJECT_BAKE", "COMPOSITE")
 # beginnings of the names of operators beside which a step goes on: they look, or scrub
 LOOKING = ("CROWD_LOD_OT_", "VIEW3D_OT_", "VIEW2D_OT_", "ANIM_OT_change_frame")
 _running: list["Stepwise"] = []
-
-
-class TimeLeft:
-    """The time that a step has left, as its progress tells.
-
-    It is said once a part is done, and where the latter half of the time has told about the same
-    whole. Else only a least time is: some searches take more tries than others, and call for
-    further ones.
-    """
-
-    def __init__(self):
-        self._wholes: deque[tuple[float, float]] = deque()  # (at which second, estimated seconds)
-
-    def words(self, progress: float, seconds: float) -> str:
-        """Return a text with the time left, or "" in the first two seconds.
-
-        progress: 0 to 1, reached in `seconds`; "" at 0 too.
-        """
-        if seconds < 2 or not progress > 0:
-            return ""
-        self._wholes.append((seconds, seconds / progress))
-        while self._wholes[0][0] < seconds / 2:
-            self._wholes.popleft()
-        wholes = [whole for _, whole in self._wholes]
-        if progress >= EARLY and max(wholes) <= KNOWN * min(wholes):
-            return f", about {_duration(wholes[-1] - seconds)} left"
-        least = min(wholes) / WRONG - seconds
-        return f", at least {_duration(least)} left" if least >= 1 else ""
-
-
-def _duration(seconds: float) -> str:
-    """Return the seconds in words such as "3 min"."""
-    unit, words = next(
-        (unit, words)
-        for unit, words in ((3600, "h"), (60, "min"), (1, "s"))
-        if seconds >= 1.5 * unit or unit == 1
-    )
-    return f"{seconds / unit:,.0f} {words}"
 
 
 class Needing:

@@ -2,6 +2,7 @@
 
 import contextlib
 import threading
+import time
 from collections.abc import Generator
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import printable
 from ...crowd_lod.progress import Made
 from ...crowd_lod.reporting import interrupt
+from ...crowd_lod.time_left import TimeLeft
 from ..blender import console
 from ..blender.output_folders import output_file
 
@@ -83,14 +85,18 @@ def finish(steps: Generator[float, None, Made], title: str, quiet: bool) -> Made
 
                 # tqdm's own lock is shared by processes, and Python would warn that it is leaked
                 tqdm.set_lock(threading.RLock())
-                template = "{desc} {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
+                template = "{desc} {percentage:3.0f}%|{bar}| {elapsed}{postfix}"
                 stack.callback(setattr, interrupt, "line", interrupt.line)
                 interrupt.line = "\n"  # set before the bar is drawn for the first time
                 bar = stack.enter_context(tqdm(total=100, desc=title, bar_format=template))
+        time_left = TimeLeft()
+        begun = time.monotonic()
         while True:
             try:
                 progress = next(steps)
             except StopIteration as end:
                 return end.value
             if bar is not None:
+                words = time_left.words(progress, time.monotonic() - begun)
+                bar.set_postfix_str(words.removeprefix(", "), refresh=False)
                 bar.update(100 * progress - bar.n)

@@ -176,7 +176,7 @@ def _describe(
         leaves_out(run.on.scene) and LEFT_OUT,
         frame_stepping.describe_unbaked(run.on.scene),
     )
-    return plan_json(run.on, command, rows, lods, tuple(filter(None, notes)))
+    return (yield from plan_json(run.on, command, rows, lods, tuple(filter(None, notes))))
 
 
 def _write(

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 
 import bpy
 import pytest
+from crowd_lod_extension.crowd_lod.time_left import TimeLeft
 from crowd_lod_extension.operators.blender import scene_cache
-from crowd_lod_extension.operators.blender.operator import TimeLeft
 from crowd_lod_extension.operators.render_setup.bake import bake
 from crowd_lod_extension.operators.render_setup.buttons import prepared
 from crowd_lod_extension.operators.runs.error_report import error
