@@ -14,6 +14,8 @@ from ..blender.ownership import OWNED
 from .hidden_characters import hides_characters, shows_characters
 
 SCENE = 8_000  # bytes of a scene and its settings, compressed
+# of a window, which no other file takes: Blender 4.5 crashes when it writes one to a library
+OF_WINDOWS = bpy.types.WindowManager, bpy.types.WorkSpace, bpy.types.Screen
 
 
 def weigh_file(scene: bpy.types.Scene) -> int:
@@ -22,7 +24,8 @@ def weigh_file(scene: bpy.types.Scene) -> int:
     CrowdError if there is no room to write it.
     """
     left_out = _with_users({scene, *_build_blocks(scene.crowd_lod.build)})
-    return _weigh({block for block in bpy.data.user_map() if not block.library} - left_out)
+    blocks = {block for block in bpy.data.user_map() if not block.library} - left_out
+    return _weigh({block for block in blocks if not isinstance(block, OF_WINDOWS)})
 
 
 def weigh_what_renders(scene: bpy.types.Scene, levels: Iterable[bpy.types.Object]) -> int:
