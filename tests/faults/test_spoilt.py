@@ -23,7 +23,7 @@ from .test_outputs import TRACKS
 pytestmark = pytest.mark.faults
 registered = conftest.registered
 empty_file = conftest.empty_file
-kept = conftest.kept
+saved_once = conftest.saved_once
 scene = conftest.scene
 levelled = conftest.levelled
 built = conftest.built
@@ -220,12 +220,13 @@ def test_too_little_memory_is_one_sentence(tmp_path, levelled, command):
 @pytest.mark.parametrize(
     "spoil", (spoil_property, spoil_setting, spoil_structure), ids=lambda spoil: spoil.__name__
 )
-def test_what_is_spoilt_is_refused_in_one_sentence_and_nothing_is_left(built, kept, capfd, spoil):
+def test_what_is_spoilt_is_refused_in_one_sentence_and_nothing_is_left(
+    built, saved_once, capfd, spoil
+):
     dice = random.Random(spoil.__name__)
     refused = 0
     for trial in range(TRIALS):
-        bpy.ops.wm.open_mainfile(filepath=str(kept / f"built {CAGE}.blend"), load_ui=False)
-        opened = bpy.context.scene
+        opened = saved_once(f"built {CAGE}", None)
         opened.frame_end = 2
         opened.crowd_lod.count = 100
         done = [spoil(opened, dice) for _ in range(3)]
@@ -256,15 +257,14 @@ def test_what_is_spoilt_is_refused_in_one_sentence_and_nothing_is_left(built, ke
     "spoil", (spoil_property, spoil_setting, spoil_structure), ids=lambda spoil: spoil.__name__
 )
 def test_commands_refuse_a_spoilt_file_in_one_sentence_and_write_nothing(
-    built, kept, tmp_path, capfd, spoil
+    built, saved_once, tmp_path, capfd, spoil
 ):
     dice = random.Random(spoil.__name__)
     crowd = tmp_path / "crowd.blend"
     out = tmp_path / "out"
     (tmp_path / "tracks.txt").write_text(TRACKS)
     for trial in range(TRIALS // 2):
-        bpy.ops.wm.open_mainfile(filepath=str(kept / f"built {CAGE}.blend"), load_ui=False)
-        opened = bpy.context.scene
+        opened = saved_once(f"built {CAGE}", None)
         opened.frame_end = 2
         opened.crowd_lod.count = 20
         opened.crowd_lod.goal_labels = "left edge, right edge"
