@@ -130,7 +130,7 @@ SECONDS = {
         "instances": 5.5e-6,
         "instanced": 1.4e-8,
         "drawn_triangles": 3.2e-9,
-        "rays": 1.2e-8,
+        "rays": 2.9e-8,
         "images": 1.1e-8,
     },
 }
