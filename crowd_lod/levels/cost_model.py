@@ -256,6 +256,8 @@ class Actors:
     stored: (G,), triangles of LOD meshes in the file.
     finest: (G,), for each group the finest LOD that the build has.
     moved_as: (N,) intp, for each character the one whose rigs move it; None: each has its own.
+    held: (K, N) bool, of the LODs of characters those that a build of any frame holds, such as a
+        shot plan's; None: all from `finest` on.
     """
 
     triangles: np.ndarray
@@ -264,6 +266,7 @@ class Actors:
     stored: np.ndarray | float = 0.0
     finest: np.ndarray | int = 0
     moved_as: np.ndarray | None = None
+    held: np.ndarray | None = None
 
     @property
     def split(self) -> np.ndarray:
@@ -298,6 +301,8 @@ def work_of(
     is_held: np.ndarray = np.array(
         shown_agents.any(axis=0) if known else np.arange(shown_agents.shape[1])[:, None] >= finest
     )
+    if actors.held is not None and not known:
+        is_held &= actors.held
     agents = shown_agents.sum()
     shown_agents = shown_agents.copy()
     # a group with fewer LODs than others shows its last in their place

@@ -42,9 +42,11 @@ from ..lod_meshes.selection import MOST_FRAMES, cast_of
 from ..machine.scene_world import bias_of
 from ..scene import lights
 from ..scene.scene_crowd import characters_of, home_of, policy_of, trajectory_of
+from ..scene.shot_reference import use_of
 from ..sources.record_points import on_record
 from .file_size import weigh_file, weigh_what_renders
 from .frame_update import members
+from .phase_characters import meshes_of_plan
 from .render_setup import check_levels
 from .scaled_textures import bytes_of, shown_images
 
@@ -217,6 +219,7 @@ def estimate(
     owner = library.owner(trajectory.gaits)
     cast = yield from standing(holdings_of(characters, trajectory, library), 0.0)
     views = yield from _look_at(scene, settings, looked_at)
+    of_plan = yield from standing(meshes_of_plan(scene), 1.0)
     works = {}
     mine = CHOICES[settings.choice]
     costs = costs_of(scene)
@@ -234,6 +237,7 @@ def estimate(
             stored_triangles(choice.triangles),
             finest=np.array(choice.policy.finest or [0] * len(trajectory.groups)),
             moved_as=cast.moved_as,
+            held=of_plan if name == mine else None,
         )
         agents_shown = views.agents_shown[name]
         used = agents_shown.any(axis=(0, 1))
@@ -244,6 +248,8 @@ def estimate(
             is_held = agents_shown.any(axis=0)
             if not baked:
                 is_held = np.arange(choice.policy.count)[:, None] >= least
+                if actors.held is not None:
+                    is_held &= actors.held
             works[f"{name}, Baked" if baked and not known else name] = builds.with_the_rest(
                 work, is_held if name == mine else None
             )
@@ -316,7 +322,11 @@ class _Seen(NamedTuple):
 def _look_at(
     scene: bpy.types.Scene, settings, numbers: Sequence[int]
 ) -> Generator[float, None, _Seen]:
-    """Plan the frames of these numbers with each choice of LODs: yield the progress."""
+    """Plan the frames of these numbers with each choice of LODs: yield the progress.
+
+    The scene's own choice is shown as its shot plan and its overrides say.
+    """
+    mine = CHOICES[settings.choice]
     trajectory = trajectory_of(scene)
     choices = choices_of(settings)
     library = cast_of(characters_of(scene), trajectory)
@@ -336,9 +346,12 @@ def _look_at(
             )
             eyes, around, shutter = lights.read_moment(scene, time, at)
             yield from standing(reading(scene), (number_done + 0.5) / len(numbers))
+            use = use_of(settings, trajectory, policy_of(settings), bias, time, eyes)
             for name, choice in choices.items():
                 planning = partial(plan, trajectory, eyes, choice.policy, time, shutter, bias)
                 frame = yield from aside(partial(surrounded, planning, around))
+                if name == mine:
+                    frame = use.applied(frame)
                 agents_shown[name].append(_shown(frame, library, trajectory, choice.policy.count))
             rays.append(samples * covered(frame))
             hidden_agents += hidden_wholly(frame)

@@ -40,9 +40,13 @@ def counts_in_render(scene):
 
 
 @pytest.mark.parametrize("known", [False, True])
-def test_work_is_what_the_depsgraph_shows(levelled, known):
+@pytest.mark.parametrize("planned", [False, True])
+def test_work_is_what_the_depsgraph_shows(levelled, known, planned):
     scene = levelled
     frames = [3, 9, 14]
+    if planned:
+        scene.crowd_lod.frames = "3,9,14"
+        bpy.ops.crowd_lod.plan_shot()
     found = finished(estimate(scene, scene.crowd_lod, frames, known=known))
     assert list(found.looked_at) == frames and FULL in found.works and found.costs.engine == "EEVEE"
     work = found.works["By Ratio"]
