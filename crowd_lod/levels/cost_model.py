@@ -110,7 +110,7 @@ MEMORY: dict[str, dict[str, float]] = {
         "materials": 850_000,
     },
 }
-# Seconds for one of each. Cycles, of one processor: 3 % rms of the 24 renders of *Calibrate*, and 6 %
+# Seconds for one of each. Cycles, of one processor: 3 % rms of the 24 renders of *Calibrate*, 6 %
 # of 16 crowds that it does not know. EEVEE, of a graphics card (NVIDIA H100): 9 % rms of 39 renders
 # at 1 to 16 samples, 2 to 10,000 agents of 143 to 45,824 triangles. Images: 8 renders by Cycles,
 # 13 % rms, 24 % at worst; EEVEE has the same, for Blender decodes them.
@@ -268,6 +268,17 @@ class Actors:
     moved_as: np.ndarray | None = None
     held: np.ndarray | None = None
 
+    def held_by(self, shown_agents: np.ndarray, known: bool) -> np.ndarray:
+        """Return the LODs of characters that a build holds, (K, N) bool.
+
+        shown_agents, known: as of work_of.
+        """
+        if known:
+            return np.array(shown_agents.any(axis=0))
+        finest = np.broadcast_to(self.finest, len(self.triangles))[self.group]
+        is_held = np.arange(shown_agents.shape[1])[:, None] >= finest
+        return is_held if self.held is None else is_held & self.held
+
     @property
     def split(self) -> np.ndarray:
         """(K, N) float64, part of the triangles whose corners have normals of their own.
@@ -297,12 +308,7 @@ def work_of(
     known: True for a build of these frames alone: it holds their points, and only the characters
         that they show. Else it holds all characters and no points.
     """
-    finest = np.broadcast_to(actors.finest, len(actors.triangles))[actors.group]
-    is_held: np.ndarray = np.array(
-        shown_agents.any(axis=0) if known else np.arange(shown_agents.shape[1])[:, None] >= finest
-    )
-    if actors.held is not None and not known:
-        is_held &= actors.held
+    is_held = actors.held_by(shown_agents, known)
     agents = shown_agents.sum()
     shown_agents = shown_agents.copy()
     # a group with fewer LODs than others shows its last in their place
@@ -345,7 +351,7 @@ def work_of(
 def _moving(actors: Actors, is_held: np.ndarray, counts: np.ndarray | float) -> float:
     """Return how many of something a build has that moves characters.
 
-    held: (K, N) bool, the LODs of characters that it has.
+    is_held: (K, N) bool, the LODs of characters that it has.
     counts: (G,), of one character of each group.
     """
     moved_as = np.arange(is_held.shape[1]) if actors.moved_as is None else actors.moved_as

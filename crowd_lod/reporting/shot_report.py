@@ -156,9 +156,9 @@ def warnings_of(report: ShotReport) -> list[str]:
         )
     if entries := int(report.entries.sum()):
         sentences.append(
-            f"{counted(entries, 'time')} an agent appears or vanishes at once, by the near or far clip of "
-            f"the camera, in {_frames(report.numbers[report.entries > 0])}: change the clip, or "
-            f"where the crowd starts."
+            f"{counted(entries, 'time')} an agent appears or vanishes at once, by the near or far "
+            f"clip of the camera, in {_frames(report.numbers[report.entries > 0])}: change the "
+            f"clip, or where the crowd starts."
         )
     if (
         plan.thresholds.switches.sum()

@@ -1,6 +1,7 @@
 """Make Slot and Mark as Prop: only some of a group's agents have the selected objects."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import bpy
 
@@ -40,10 +41,7 @@ def mark(scene: bpy.types.Scene, objects: Sequence[bpy.types.Object], chance: fl
         all_characters(scene)
     except CrowdError:
         for item, value in before.items():
-            if value is None:
-                del item[PROP]
-            else:
-                item[PROP] = value
+            _set(item, PROP, value)
         raise
 
 
@@ -102,10 +100,7 @@ def make_slot_of(
         all_characters(scene)
     except CrowdError:
         for key, value in before.items():
-            if value is None:
-                del home[key]
-            else:
-                home[key] = value
+            _set(home, key, value)
         raise
     _offer_values(home)
     return f"{home.name} is a slot of {owner.name}. Press Populate."
@@ -140,6 +135,14 @@ def _move(item: bpy.types.Object, homes: Sequence[bpy.types.Collection]) -> None
     for home in homes:
         if item not in home.objects[:]:
             home.objects.link(item)
+
+
+def _set(owner: Owner, name: str, value: Any) -> None:
+    """Give `owner` its custom property back as it was: None stands for none."""
+    if value is None:
+        owner.pop(name, None)
+    else:
+        owner[name] = value
 
 
 def _offer(owner: Owner, name: str, value: float | str, description: str) -> None:

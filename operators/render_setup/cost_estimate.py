@@ -244,12 +244,7 @@ def estimate(
         in_bake = replace(actors, holdings=cast.baked(frames, trajectory, library, used))
         for baked in (known,) if known or name != mine else (False, True):
             work = work_of(in_bake if baked else actors, agents_shown, views.rays, baked)
-            least = actors.finest[owner]
-            is_held = agents_shown.any(axis=0)
-            if not baked:
-                is_held = np.arange(choice.policy.count)[:, None] >= least
-                if actors.held is not None:
-                    is_held &= actors.held
+            is_held = actors.held_by(agents_shown, baked)
             works[f"{name}, Baked" if baked and not known else name] = builds.with_the_rest(
                 work, is_held if name == mine else None
             )

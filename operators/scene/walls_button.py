@@ -81,7 +81,8 @@ def _lead_round(
     map_areas.add_areas(crowd, items, WALL)
     cells = map_areas.make(crowd, depsgraph)
     name = f"{crowd.name}: " if len(crowd.id_data.crowd_lod.crowds) else ""
-    return f"{name}{_listed(items)}: {counted(len(items), 'wall')} on {counted(cells, 'cell')} of the map.{turned}"
+    walls = counted(len(items), "wall")
+    return f"{name}{_listed(items)}: {walls} on {counted(cells, 'cell')} of the map.{turned}"
 
 
 def _add_wall_label(settings) -> str:
