@@ -1,7 +1,7 @@
 """The sheets of opaque scenery in a picture, and where they end.
 
-Triangles of a connected component that face one way are a sheet. What it covers in the picture ends
-at its border alone: at edges where no triangle of the sheet goes on.
+Triangles that face one way and go on from each other at their edges are a sheet. What it covers in
+the picture ends at its border alone: at edges where no triangle of the sheet goes on.
 
 Depths are kept as nearness, which is linear in the picture: 1 / meters along the view, or of an
 orthographic camera minus meters.
@@ -13,6 +13,7 @@ from itertools import product
 
 import numpy as np
 
+from ..connected_components import connected_components
 from .camera import GRAIN, Camera, Window, stretch
 from .occluders import Occluders
 
@@ -105,18 +106,19 @@ def read_sheets(
     row = np.cumsum(is_used) - 1  # of each vertex among those that are used
     points = occluders.points[is_used]
     views = [view_points(points, camera) for camera in cameras]
-    facing = _facing(views[0][row[shape.triangles[number]]], cameras[0])
-    sheet = np.full(len(shape.triangles) + 1, -1)  # the last stands for no triangle
-    sheet[number] = np.where(facing != 0, 2 * shape.component[number] + (facing > 0), -1)
-    number = number[facing != 0]
+    facing = np.zeros(len(shape.triangles) + 1, np.intp)  # the last stands for no triangle
+    facing[number] = _facing(views[0][row[shape.triangles[number]]], cameras[0])
+    number = np.flatnonzero(facing)
+    beside = facing[shape.sides]
+    goes_on = (beside[:, 0] == beside[:, 1]) & (beside[:, 0] != 0)
+    sheet = np.append(connected_components(len(shape.triangles), shape.sides[goes_on]), -1)
     grain = GRAIN * (np.abs(points).sum(axis=1) + np.abs(cameras[0].origin).sum())
     columns = np.concatenate([*views, grain[:, None]], axis=1)
     corners = columns[row[shape.triangles[number]]]
     of_corners = sheet[number]
-    beside = sheet[shape.sides]
-    rows, side = np.nonzero((beside >= 0) & (beside[:, :1] != beside[:, 1:]))
+    rows, side = np.nonzero((beside != 0) & ~goes_on[:, None])
     ends = columns[row[shape.edges[rows]]]
-    of_ends = beside[rows, side]
+    of_ends = sheet[shape.sides[rows, side]]
     for k, camera in enumerate(cameras):
         cut = nearest_cut(camera)
         corners, of_corners, cuts, of_cuts = _cut_triangles(corners, of_corners, 3 * k + 2, cut)

@@ -123,6 +123,17 @@ def test_ground_hides_what_is_below_it():
         assert film.hides(film.rectangles(below, np.full(3, 0.4))).all()
 
 
+def test_steps_behind_a_wall_of_the_same_mesh_do_not_spoil_it():
+    """Of a stand seen from behind, the wall hides the lower steps, which face the eye as well."""
+    steps = [(0, 0), (0, 0.5), (2, 0.5), (2, 1), (4, 1), (4, 7), (6, 7), (6, 0)]  # y and z
+    corners = [(x, y, z) for y, z in steps for x in (40, -40)]
+    triangles = [(2 * k + a, 2 * k + b, 2 * k + c) for k in range(7) for a, b, c in FACES[:2]]
+    stand = mesh(corners, triangles)
+    film = OcclusionMap(stand, looking((0, 30, 1.7), -np.pi / 2))
+    crowd = np.array([(x, y, 0.9) for x in (-9, 0, 9) for y in (-1, -6, -20)])
+    assert film.hides(film.rectangles(crowd, np.full(9, 0.85))).all()
+
+
 def test_a_box_has_no_border_and_a_flipped_face_has_one():
     box = box_mesh((0, 0, 0), (1, 1, 1)).shape
     assert len(box.edges) == 18
