@@ -334,30 +334,36 @@ def _picture(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return (x, y in cells and nearness (m, k, 3), slack (m, 2) in cells) of m times k vertices.
 
-    Nearness is the least of all cameras. The slack, across and up, holds how far cameras move a
-    vertex, and by how much renderers round its place.
+    Triangles (k = 3) are where the first camera has them, borders (k = 2) in the middle of where
+    the cameras have them. Nearness is the least of all cameras. The slack, across and up, holds how
+    far cameras move a vertex from there, and by how much renderers round its place.
 
     columns: (m, k, c), coordinates of each camera; last the rounding in meters.
     """
-    pictures = [
-        _in_cells(columns[..., 3 * k : 3 * k + 3], camera, grid.of_camera(camera))
-        for k, camera in enumerate(cameras)
-    ]
-    first = pictures[0]
-    moved = np.max([np.abs(there[..., :2] - first[..., :2]) for there in pictures], axis=0)
-    least = np.min([there[..., 2] for there in pictures], axis=0)
+    pictures = np.array(
+        [
+            _in_cells(columns[..., 3 * k : 3 * k + 3], camera, grid.of_camera(camera))
+            for k, camera in enumerate(cameras)
+        ]
+    )
+    places = pictures[..., :2]
+    low = places.min(axis=0)
+    high = places.max(axis=0)
+    place = places[0] if columns.shape[1] == 3 else (low + high) / 2
+    moved = np.maximum(high - place, place - low)
+    least = pictures[..., 2].min(axis=0)
     grain = columns[..., -1]
     scale = grid.scale.max()
     if cameras[0].kind == "ORTHO":
         rounding = grain * scale
         least = least - grain
     else:
-        aside = np.abs(first[..., :2] + grid.low * grid.scale).max(axis=-1)
-        rounding = grain * first[..., 2] * (scale + aside)
+        aside = np.abs(places + grid.low * grid.scale).max(axis=(0, -1))
+        rounding = grain * pictures[..., 2].max(axis=0) * (scale + aside)
         least = least * (1 - np.minimum(grain * least, 1))
     slack = (moved + rounding[..., None]).max(axis=1, initial=0.0)
-    slack += ROUNDING * (1 + np.abs(first[..., :2]).max(axis=(1, 2), initial=0.0))[:, None]
-    return np.concatenate([first[..., :2], least[..., None]], axis=-1), slack
+    slack += ROUNDING * (1 + np.abs(place).max(axis=(1, 2), initial=0.0))[:, None]
+    return np.concatenate([place, least[..., None]], axis=-1), slack
 
 
 def _in_cells(points: np.ndarray, camera: Camera, grid: Grid) -> np.ndarray:
