@@ -189,13 +189,14 @@ def _read_characters(
     work.left = reading + sum(ladder.costs.expected for ladder in unknown)
     groups = yield from work.take(measuring_groups(scene, reaches), 0.15 * reading)
     shots = [None] * len(groups)
-    is_limited = bool(settings.memory) or limits_levels(settings)
     if settings.choice == "BY_TOLERANCE":
-        frames = scene_data.frames_of(scene)
-        looking = with_record(
-            scene, frames, lambda: selection.views(scene, settings, trajectory_of(scene, groups))
-        )
+
+        def look() -> Generator[float, None, list]:
+            return selection.views(scene, settings, trajectory_of(scene, groups))
+
+        looking = with_record(scene, scene_data.frames_of(scene), look)
         shots = yield from work.take(looking, 0.05 * reading)
+    is_limited = bool(settings.memory) or limits_levels(settings)
     for ladder, group, shot in zip(ladders, groups, shots, strict=True):
         ladder.reach = group.lowest, group.center, group.radius
         for goal in (ladder.goals[0], *ladder.given):
