@@ -22,6 +22,7 @@ from ...crowd_lod.progress import aside, share, standing
 from ...crowd_lod.reporting import tables
 from ...crowd_lod.reporting.frame_parts import FrameParts
 from ...crowd_lod.reporting.html_report import page
+from ...crowd_lod.reporting.png_file import save_png
 from ...crowd_lod.reporting.shot_page import preview_page
 from ...crowd_lod.shot import plan_file
 from ...crowd_lod.shot.frame_errors import worst_error
@@ -198,7 +199,7 @@ def _write(
     (folder / "report.html").write_text(report, encoding="utf-8")
     pictures = [run.pictures(number) for number in run.on.task.frames]
     sheet = yield from _sheet(pictures, legends)
-    image_data.save_png(folder / "contact_sheet.png", sheet)
+    yield from aside(partial(save_png, folder / "contact_sheet.png", sheet))
 
 
 def _with_levels(stage: bpy.types.Scene) -> Generator[float, None, float]:

@@ -17,10 +17,10 @@ from ...crowd_lod.levels.assignment import deviations
 from ...crowd_lod.levels.budget_fit import Budget
 from ...crowd_lod.progress import aside, share, standing, steps_aside
 from ...crowd_lod.reporting import files, tables
+from ...crowd_lod.reporting.png_file import save_png
 from ...crowd_lod.reporting.shot_json import shot_facts
 from ...crowd_lod.reporting.shot_page import shot_page
 from ...crowd_lod.reporting.shot_report import ShotReport
-from ...crowd_lod.reporting.switch_figures import png_of
 from ...crowd_lod.shot import plan_file
 from ...crowd_lod.shot.budget import BudgetPlan, decide_within
 from ...crowd_lod.shot.budget_points import BudgetPoint, budget_sentence, find_points, fitting_point
@@ -232,7 +232,8 @@ def write_plan(
     )
     for crop in planned.report.crops[:1]:
         if crop is not None:
-            (folder / "worst.png").write_bytes(png_of(np.concatenate(crop, axis=1)))
+            pixels = np.rint(255 * np.concatenate(crop, axis=1)).astype(np.uint8)
+            save_png(folder / "worst.png", pixels)
     page = yield from standing(aside(lambda: shot_page(planned.report)), 1.0)
     (folder / "report.html").write_text(page, encoding="utf-8")
     return content

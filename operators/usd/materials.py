@@ -6,6 +6,7 @@ from typing import Any
 
 import bpy
 
+from ...crowd_lod.reporting.png_file import save_png
 from ..blender import image_data
 from ..blender.material_colors import Looks
 
@@ -102,7 +103,7 @@ class Materials:
         name = (
             f"{self.place.stem}_{bpy.path.clean_name(Path(image.name).stem)}_{len(self._files)}.png"
         )
-        image_data.save_png(self.hidden / name, image_data.read_pixels(image))
+        save_png(self.hidden / name, image_data.read_pixels(image))
         return f"./{name}"
 
 
