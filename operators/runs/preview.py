@@ -379,8 +379,8 @@ def legends_of(color: str, frame: Frame) -> list[Legend]:
     return [[("From the camera:", None), *names], above]
 
 
-def _sight(rows: list[dict[str, Any]]) -> str:
-    """Return how many agents the frames show, for the index of a preview without a verdict."""
+def in_sight(rows: list[dict[str, Any]]) -> str:
+    """Return in a sentence how many agents the frames of plan.json show."""
     counts = [row["visible"] for row in rows]
     least = min(counts)
     most = max(counts)
@@ -430,7 +430,7 @@ class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
             f"{counted(len(task.frames), 'frame is', 'frames are')} in {place_of(task.folder)}."
         )
         found = verdict_in(plan)
-        note_output(context.scene, "preview", found or _sight(plan["frames"]))
+        note_output(context.scene, "preview", found or in_sight(plan["frames"]))
         sentence = f"{found} {sentence}".lstrip()
         return f"{sentence} {LEFT_OUT}" if leaves_out(context.scene) else sentence
 
