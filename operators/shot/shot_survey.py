@@ -15,6 +15,7 @@ import numpy as np
 
 from ...crowd_lod import __version__
 from ...crowd_lod.animation.phase_classes import Library
+from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.crowd.leave_outs import LeftOut
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame import Frame, plan
@@ -26,7 +27,6 @@ from ...crowd_lod.progress import aside, share, standing
 from ...crowd_lod.shot.recording import Record, Recorder, Recording, begin_recording
 from ...crowd_lod.shot.shot_cost import meshes_of
 from ...crowd_lod.shot.survey import Encounters, Survey
-from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import cameras, frame_stepping, scene_data
 from ..characters.rig_needs import leads
 from ..lod_meshes.selection import cast_of
@@ -74,7 +74,7 @@ def survey_of(
     times = [scene_data.remap(scene.render, number) for number in frames]
     recording = _begin(scene, frames, times, library)
     if blurred:
-        _coarsen_where_blurred(recording, trajectory, policy)
+        _coarsen_where_blurred(recording, measured_groups(scene), policy)
     parts = Parts(recording, folder, _key(scene, frames) + "b" * blurred)
     begin = parts.taken_up()
     before = None
@@ -122,7 +122,7 @@ def _begin(
     trajectory = trajectory_of(scene)
     lead = leads(characters_of(scene), trajectory.groups)
     moved_as = library.moved_as(trajectory.gaits, lead)
-    return begin_recording(
+    recording = begin_recording(
         frames,
         times,
         trajectory.start.group,
@@ -130,6 +130,8 @@ def _begin(
         library,
         library.roles(trajectory.gaits, moved_as),
     )
+    recording.meters = scene_data.meters(scene)
+    return recording
 
 
 def _changes_at(frame: int) -> CrowdError:
@@ -139,8 +141,13 @@ def _changes_at(frame: int) -> CrowdError:
     )
 
 
+def measured_groups(scene: bpy.types.Scene) -> list[Group]:
+    """Return the groups of the scene's crowd with their lengths in meters, as of its surveys."""
+    return [group.scaled(scene_data.meters(scene)) for group in trajectory_of(scene).groups]
+
+
 def _coarsen_where_blurred(
-    recording: Recording, trajectory: Trajectory, policy: LevelPolicy
+    recording: Recording, groups: Sequence[Group], policy: LevelPolicy
 ) -> None:
     """Let the recording have LODs that are coarser where their agents are blurred.
 
@@ -151,7 +158,7 @@ def _coarsen_where_blurred(
             "Coarser Where Blurred needs LODs by tolerance: set Choose LODs to By Tolerance, "
             "or switch it off."
         )
-    recording.bounds = meshes_of(trajectory.groups, policy.count).bounds
+    recording.bounds = meshes_of(groups, policy.count).bounds
     recording.blurred = policy.tolerance
 
 
@@ -162,7 +169,8 @@ def _key(scene: bpy.types.Scene, frames: Sequence[int]) -> str:
     file = Path(bpy.data.filepath)
     data = file.read_bytes() if bpy.data.filepath and file.is_file() else b""
     about = shot_reference.plan_inputs(settings, trajectory, policy_of(settings), bias_of(settings))
-    text = repr((__version__, scene.name, list(frames), about, scene.render.engine))
+    kept = __version__, scene.name, list(frames), about, scene.render.engine
+    text = repr((*kept, scene_data.meters(scene)))
     return hashlib.sha256(text.encode() + data).hexdigest()[:16]
 
 
