@@ -17,10 +17,10 @@ from ...crowd_lod.levels.assignment import deviations
 from ...crowd_lod.levels.budget_fit import Budget
 from ...crowd_lod.progress import aside, share, standing, steps_aside
 from ...crowd_lod.reporting import files, tables
+from ...crowd_lod.reporting.png_file import save_png
 from ...crowd_lod.reporting.shot_json import shot_facts
 from ...crowd_lod.reporting.shot_page import shot_page
 from ...crowd_lod.reporting.shot_report import ShotReport
-from ...crowd_lod.reporting.switch_figures import png_of
 from ...crowd_lod.shot import plan_file
 from ...crowd_lod.shot.budget import BudgetPlan, decide_within
 from ...crowd_lod.shot.budget_points import BudgetPoint, budget_sentence, find_points, fitting_point
@@ -77,14 +77,12 @@ class PlanRequest:
     budget: what each frame may take.
     variety: the part of close neighbors that may be in step.
     blurred: whether LODs may be as many pixels coarser as their agents are blurred wide.
-    keeps: whether the folder keeps the survey so far, for the run after one that is killed.
     """
 
     frames: Sequence[int]
     folder: Path
     avoid: float = 0.05
     budget: Budget = Budget()
-    keeps: bool = False
     blurred: bool = False
     variety: float = VARIETY
 
@@ -120,9 +118,7 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
     exemptions = exemptions_of(scene, trajectory, policy, request.frames)
     groups = measured_groups(scene)
     through = yield from share(
-        survey_of(
-            scene, request.frames, request.folder if request.keeps else None, request.blurred
-        ),
+        survey_of(scene, request.frames, request.blurred),
         READY,
         SURVEYED,
     )
@@ -238,7 +234,8 @@ def write_plan(
     )
     for crop in planned.report.crops[:1]:
         if crop is not None:
-            (folder / "worst.png").write_bytes(png_of(np.concatenate(crop, axis=1)))
+            pixels = np.rint(255 * np.concatenate(crop, axis=1)).astype(np.uint8)
+            save_png(folder / "worst.png", pixels)
     page = yield from standing(aside(lambda: shot_page(planned.report)), 1.0)
     (folder / "report.html").write_text(page, encoding="utf-8")
     return content

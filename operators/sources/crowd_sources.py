@@ -1,7 +1,6 @@
 """From a scene's crowds to one trajectory: each crowd's agents by its source, then all together."""
 
 import hashlib
-import time as clock
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import replace
 
@@ -24,6 +23,7 @@ from ...crowd_lod.sources.several import Several
 from ...crowd_lod.sources.trajectory import Trajectory
 from ...crowd_lod.tracks.cast import groups_of_agents
 from ..blender import image_data, scene_cache, scene_data, stored_values
+from ..blender.sidebar_answers import hold
 from ..characters.characters import props_outdated
 from ..characters.take_action import action_outdated
 from ..machine import terrain_source
@@ -41,11 +41,7 @@ _together: dict[int, tuple[tuple, Trajectory]] = scene_cache.add_cache({}, by_sc
 # By scene: the agents that were dressed last, and they with what they wear.
 _worn: dict[int, tuple[Trajectory, Trajectory]] = scene_cache.add_cache({}, by_scene=True)
 
-
-# By scene, of the last check by `outdated`: the time, the inputs, and the sentences.
-_outdated: dict[int, tuple[float, tuple, list[str]]] = scene_cache.add_cache({}, by_scene=True)
-LOOK = 1.0  # seconds between two checks
-ASKED = start_source.places_outdated, terrain_source.terrain_outdated
+QUESTIONS = start_source.places_outdated, terrain_source.terrain_outdated
 
 
 def crowds_of(settings) -> list[bpy.types.PropertyGroup]:
@@ -55,7 +51,7 @@ def crowds_of(settings) -> list[bpy.types.PropertyGroup]:
 
 def inputs_of(scene: bpy.types.Scene) -> tuple:
     """Return the inputs of the trajectory, without the character groups and pixels of images."""
-    numbers = [_asked(crowd) for crowd in crowds_of(scene.crowd_lod)]
+    numbers = [_settings_of(crowd) for crowd in crowds_of(scene.crowd_lod)]
     images = [
         tuple(image and image.session_uid for image in _images(crowd))
         for crowd in crowds_of(scene.crowd_lod)
@@ -141,31 +137,25 @@ def notes(crowds: Sequence, trajectory: Trajectory) -> Iterator[str]:
                 )
 
 
+@hold(inputs_of)
 def outdated(scene: bpy.types.Scene) -> list[str]:
     """Return sentences on what has changed since Populate: places, terrain, props, actions.
 
-    None before the first Populate. The sidebar calls this whenever it is drawn: while the settings
-    stay, the answer may be LOOK seconds old.
+    None before the first Populate.
     """
     if not len(scene.crowd_lod.groups):
         return []
-    now = clock.monotonic()
-    inputs = inputs_of(scene)
-    looked, before, sentences = _outdated.get(scene.session_uid, (-LOOK, (), []))
-    if now >= looked + LOOK or inputs != before:
-        sentences = [
-            note for crowd in crowds_of(scene.crowd_lod) for ask in ASKED for note in ask(crowd)
-        ]
-        sentences += [*props_outdated(scene), *action_outdated(scene)]
-        _outdated[scene.session_uid] = now, inputs, sentences
-    return sentences
+    sentences = [
+        note for crowd in crowds_of(scene.crowd_lod) for ask in QUESTIONS for note in ask(crowd)
+    ]
+    return [*sentences, *props_outdated(scene), *action_outdated(scene)]
 
 
 def _images(crowd) -> tuple:
     return crowd.map_image, crowd.height_image, crowd.areas_image if len(crowd.areas) else None
 
 
-def _asked(crowd) -> tuple:
+def _settings_of(crowd) -> tuple:
     """Return the numbers and texts of a crowd's settings that its trajectory depends on."""
     numbers = (
         *crowd.center,
@@ -219,7 +209,7 @@ def populate_crowds(
 
     Without ids this number may not change.
     """
-    _outdated.pop(scene.session_uid, None)
+    outdated.drop(scene)
     live_crowds = [
         (k, crowd) for k, crowd in enumerate(crowds_of(scene.crowd_lod)) if is_live(crowd)
     ]
@@ -277,7 +267,7 @@ def _member(
         return trajectory
     # Pixels are compared at each call: nothing tells when they change.
     images = [image and image_data.read_values(image) for image in _images(crowd)]
-    inputs = _asked(crowd), groups, seconds
+    inputs = _settings_of(crowd), groups, seconds
     if (
         before is None
         or before[0] != inputs
@@ -329,7 +319,7 @@ def _walk(crowd, groups: tuple[Group, ...], seconds: float) -> Trajectory:
             seated=seated,
         )
 
-    return _kept(
+    return _cached(
         repr(key).encode() + world.labels.tobytes() + world.strays.tobytes() + relief, make
     )
 
@@ -350,7 +340,7 @@ def _recorded(crowd, groups: tuple[Group, ...], seconds: float) -> Trajectory:
         place = crowd.first_frame, crowd.seed, tuple(crowd.center)
         return Recorded(tracks, lean, group, seconds, *place, heights=heights, tilts=crowd.tilt)
 
-    return _kept(repr(key).encode() + (b"" if heights is None else heights.digest()), make)
+    return _cached(repr(key).encode() + (b"" if heights is None else heights.digest()), make)
 
 
 def _start(crowd, machine: StateMachine, world: LabelMap, groups: Draw) -> tuple[Crowd, bool]:
@@ -374,7 +364,7 @@ def _start(crowd, machine: StateMachine, world: LabelMap, groups: Draw) -> tuple
     return start_places.settle(places, crowd.seed, groups, machine, world), seated
 
 
-def _kept(data: bytes, make: Callable[[], Trajectory]) -> Trajectory:
+def _cached(data: bytes, make: Callable[[], Trajectory]) -> Trajectory:
     """Return the cached trajectory for the inputs `data`, or the result of `make`."""
     digest = hashlib.sha256(data).digest()
     if digest not in _trajectories:
