@@ -114,8 +114,7 @@ def read_sources(
         start_source.read_places(crowd, forward, depsgraph)
         terrain_source.read_terrain(crowd, depsgraph)
         yield 0.0
-    render = crowds[0].id_data.render
-    yield from tracks_source.read_files(crowds, render.fps / render.fps_base)
+    yield from tracks_source.read_files(crowds, scene_data.frame_rate(crowds[0].id_data))
     for crowd in crowds:
         terrain = terrain_source.terrain_of(crowd, area_of(crowd).z)
         if terrain is not None:

@@ -276,7 +276,7 @@ def _rows(
         heading=column("heading"),
         phase=column("phase"),
         group=None if group is None else names[group],
-        rate=crowd.id_data.render.fps / crowd.id_data.render.fps_base,
+        rate=scene_data.frame_rate(crowd.id_data),
     )
 
 

@@ -89,7 +89,7 @@ def _request_of(scene: bpy.types.Scene, index: int) -> SimulationRequest:
         count=crowd.count,
         seed=crowd.seed,
         seconds=crowd.simulated_seconds,
-        rate=scene.render.fps / scene.render.fps_base,
+        rate=scene_data.frame_rate(scene),
     )
 
 

@@ -72,7 +72,7 @@ def notes_on_frames(crowd) -> str:
     scene = crowd.id_data
     try:
         tracks = _known_tracks(
-            stamp_of(crowd), _reading_options(crowd, scene.render.fps / scene.render.fps_base)
+            stamp_of(crowd), _reading_options(crowd, scene_data.frame_rate(scene))
         )
     except CrowdError:
         tracks = None
