@@ -11,7 +11,6 @@ import hashlib
 import os
 import re
 import shutil
-import signal
 import subprocess
 import sys
 import time
@@ -59,7 +58,6 @@ def main(arguments: list) -> None:
     elif command == "bench":
         run(PYTHON, ROOT / "benchmarks" / "bench.py", *rest)
     else:
-        hold(signal.SIG_BLOCK)  # until these heed it themselves, first thing
         program = (
             [PYTHON, ROOT / "package.py", *rest]
             if command == "package"
@@ -167,12 +165,6 @@ def run(*command) -> None:
     os.execv(command[0], command)
 
 
-def hold(how: int) -> None:
-    """Let Ctrl-C wait, or no longer: while Python starts it would be a traceback."""
-    if os.name != "nt":
-        signal.pthread_sigmask(how, {signal.SIGINT})
-
-
 def say(message: str) -> None:
     with suppress(OSError):  # a stderr that is full, or closed
         os.write(2, f"crowd-lod: {message}\n".encode(errors="backslashreplace"))
@@ -180,7 +172,6 @@ def say(message: str) -> None:
 
 if __name__ == "__main__":
     try:
-        hold(signal.SIG_UNBLOCK)
         main(sys.argv[1:])
     except Failure as failure:
         say(f"{failure}.")
@@ -189,6 +180,5 @@ if __name__ == "__main__":
         say(f"cannot make its environment in {ROOT}: {error}.")
         sys.exit(1)
     except KeyboardInterrupt:
-        hold(signal.SIG_BLOCK)
         say("stopped.")
         sys.exit(130)
