@@ -57,7 +57,7 @@ from ..settings.budgets import budget_of, possible_budgets
 from ..sources.crowd_sources import check_recorded
 from .planned_cameras import note_cameras
 from .scene_json import scene_json
-from .shot_survey import SurveyedShot, survey_of
+from .shot_survey import SurveyedShot, measured_groups, survey_of
 from .switch_crops import crops_of
 
 # the progress at which each stage ends
@@ -116,6 +116,7 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
     trajectory = trajectory_of(scene)
     policy = policy_of(scene.crowd_lod)
     exemptions = exemptions_of(scene, trajectory, policy, request.frames)
+    groups = measured_groups(scene)
     through = yield from share(
         survey_of(scene, request.frames, request.blurred),
         READY,
@@ -124,7 +125,7 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
     planning = partial(
         plan_phases,
         through.survey,
-        strides_of(trajectory.groups, trajectory.gaits),
+        strides_of(groups, trajectory.gaits),
         policy.tolerance,
         request.variety,
         trajectory.given_phases,
@@ -164,7 +165,7 @@ def _shot_of(scene: bpy.types.Scene, survey: Survey) -> Generator[float, None, S
     is_used[survey.character[survey.is_seen]] = True
     return Shot(
         survey,
-        meshes_of(trajectory.groups, policy_of(scene.crowd_lod).count),
+        meshes_of(measured_groups(scene), policy_of(scene.crowd_lod).count),
         costs_of(scene),
         cast.baked(survey.numbers, trajectory, library, is_used),
         cast.moved_as,
@@ -176,7 +177,8 @@ def _report_on(
 ) -> Generator[float, None, ShotReport]:
     """Find what there is to tell of the plan: yield the progress, return the report."""
     trajectory = trajectory_of(scene)
-    noticing = aside(lambda: noticed(shot, plan.levels, trajectory.spheres.radius))
+    radius = scene_data.meters(scene) * trajectory.spheres.radius
+    noticing = aside(lambda: noticed(shot, plan.levels, radius))
     changes = yield from standing(noticing, 0.0)
     eyes = [camera_of(numbers) for numbers in through.cameras[:, 0]]
     curve = steps_aside(curve_of(shot, plan, policy_of(scene.crowd_lod).tolerance))

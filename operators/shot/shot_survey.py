@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.animation.phase_classes import Library
+from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.crowd.leave_outs import LeftOut
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame import Frame, plan
@@ -20,7 +21,6 @@ from ...crowd_lod.progress import aside, share, standing
 from ...crowd_lod.shot.recording import Recorder, Recording, begin_recording
 from ...crowd_lod.shot.shot_cost import meshes_of
 from ...crowd_lod.shot.survey import Survey
-from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import cameras, frame_stepping, scene_data
 from ..characters.rig_needs import leads
 from ..lod_meshes.selection import cast_of
@@ -60,7 +60,7 @@ def survey_of(
     times = [scene_data.remap(scene.render, number) for number in frames]
     recording = _begin(scene, frames, times, library)
     if blurred:
-        _coarsen_where_blurred(recording, trajectory, policy)
+        _coarsen_where_blurred(recording, measured_groups(scene), policy)
     views: list[np.ndarray] = []
     before: Frame | None = None
     took = Counter()
@@ -99,7 +99,7 @@ def _begin(
     trajectory = trajectory_of(scene)
     lead = leads(characters_of(scene), trajectory.groups)
     moved_as = library.moved_as(trajectory.gaits, lead)
-    return begin_recording(
+    recording = begin_recording(
         frames,
         times,
         trajectory.start.group,
@@ -107,6 +107,8 @@ def _begin(
         library,
         library.roles(trajectory.gaits, moved_as),
     )
+    recording.meters = scene_data.meters(scene)
+    return recording
 
 
 def _changes_at(frame: int) -> CrowdError:
@@ -116,8 +118,13 @@ def _changes_at(frame: int) -> CrowdError:
     )
 
 
+def measured_groups(scene: bpy.types.Scene) -> list[Group]:
+    """Return the groups of the scene's crowd with their lengths in meters, as of its surveys."""
+    return [group.scaled(scene_data.meters(scene)) for group in trajectory_of(scene).groups]
+
+
 def _coarsen_where_blurred(
-    recording: Recording, trajectory: Trajectory, policy: LevelPolicy
+    recording: Recording, groups: Sequence[Group], policy: LevelPolicy
 ) -> None:
     """Let the recording have LODs that are coarser where their agents are blurred.
 
@@ -128,5 +135,5 @@ def _coarsen_where_blurred(
             "Coarser Where Blurred needs LODs by tolerance: set Choose LODs to By Tolerance, "
             "or switch it off."
         )
-    recording.bounds = meshes_of(trajectory.groups, policy.count).bounds
+    recording.bounds = meshes_of(groups, policy.count).bounds
     recording.blurred = policy.tolerance
