@@ -1,15 +1,13 @@
 """From rows of a file to tracks."""
 
-from collections.abc import Callable
 from dataclasses import fields
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from ..errors import CrowdError
 from ..format import counted
-from ..progress import at_once, breath
+from ..progress import breath
 from . import motion
 from .order import number_ids, order_by
 from .rows import ASKED, UNITS, Rows
@@ -43,17 +41,9 @@ def tracks_of(rows: Rows, where: str) -> Tracks:
     hidden = seconds > max(HIDES, 1.5 * step / rows.rate)
     crossed = int(np.count_nonzero(elapsed > 1.5 * step)) - int(hidden.sum())
     breath()
-    move = partial(
-        _moving,
-        columns | {"time": frame / rows.rate},
-        enters,
-        seconds,
-        hidden,
-        ids,
-        step / rows.rate,
-    )
-    check = partial(_check_speeds, ids, columns, seconds, rows, where)
-    _, (motion_columns, paces) = at_once(_call, ((check,), (move,)))
+    _check_speeds(ids, columns, seconds, rows, where)
+    timed = columns | {"time": frame / rows.rate}
+    motion_columns, paces = _moving(timed, enters, seconds, hidden, ids, step / rows.rate)
     breath()
     order, classes = _in_classes(frame, elapsed, step)
     place = np.empty(len(order), np.int32)
@@ -99,17 +89,7 @@ def _by_agent(rows: Rows, agent: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _taken(columns: dict[str, np.ndarray], order: np.ndarray) -> dict[str, np.ndarray]:
-    return dict(
-        zip(
-            columns,
-            at_once(lambda column: column[order], ((column,) for column in columns.values())),
-            strict=True,
-        )
-    )
-
-
-def _call(work: Callable[[], Any]) -> Any:
-    return work()
+    return {name: column[order] for name, column in columns.items()}
 
 
 def _check_once(
