@@ -9,7 +9,6 @@ from ..errors import CrowdError
 from ..format import counted
 from ..progress import breath
 from . import motion
-from .order import number_ids, order_by
 from .rows import ASKED, UNITS, Rows
 from .samples import TrackSamples
 from .tracks import Tracks
@@ -26,7 +25,7 @@ def tracks_of(rows: Rows, where: str) -> Tracks:
     where: the file, for messages.
     CrowdError if an agent is twice in a frame, or moves faster than anybody can.
     """
-    ids, agent = number_ids(rows.id)
+    ids, agent = np.unique(rows.id, return_inverse=True)
     columns = _by_agent(rows, agent.astype(np.int32))
     breath()
     agent = columns["agent"]
@@ -83,8 +82,7 @@ def _by_agent(rows: Rows, agent: np.ndarray) -> dict[str, np.ndarray]:
     frame = rows.frame
     ahead = np.diff(agent)
     if len(agent) > 1 and not ((ahead > 0) | ((ahead == 0) & (np.diff(frame) >= 0))).all():
-        order = order_by(agent, order_by(frame))
-        columns = _taken(columns, order)
+        columns = _taken(columns, np.lexsort((frame, agent)))
     return columns
 
 
@@ -198,7 +196,7 @@ def _in_classes(
     at = 0
     for number in np.flatnonzero(np.bincount(classes)):
         rows = np.flatnonzero(classes == number)
-        orders.append(order_by(frame, rows))
+        orders.append(rows[np.argsort(frame[rows], kind="stable")])
         # a little more, for rounding; samples that do not hold then are left out when asked for
         longest = max(float(passed[rows].max()), step) * (1 + 1e-9)
         classes_found.append((at, at + len(rows), longest))
