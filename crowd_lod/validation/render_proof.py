@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from ..format import counted
+from ..format import counted, number
 
 # kinds of builds that the scene had before the proof
 BUILDS = {"bake": "the bake", "build": "the build"}
@@ -33,9 +33,26 @@ def agents_row(agents: Sequence[dict], tolerance: float | None) -> dict[str, Any
 
 
 def worst_agents(agents: Sequence[dict]) -> list[int]:
-    """Return the places of the MOST_SHOWN agents whose silhouettes shift most, the worst first."""
-    order = sorted(range(len(agents)), key=lambda k: -agents[k]["shift_px"])
+    """Return the places of the MOST_SHOWN worst agents, the worst first.
+
+    Those that are not OK come before those whose silhouettes shift most.
+    """
+    order = sorted(
+        range(len(agents)), key=lambda k: (agents[k]["ok"] is not False, -agents[k]["shift_px"])
+    )
     return order[:MOST_SHOWN]
+
+
+def describe_difference(agent: dict) -> str:
+    """Return by how much an agent is off: its silhouette, or its color if that is what is wrong."""
+    if agent["ok"] is False and not _shifts_too_far(agent):
+        return f"color {agent['color_off']:.0%} off"
+    return f"{number(agent['shift_px'])} px off"
+
+
+def _shifts_too_far(agent: dict) -> bool:
+    allowed = agent["allowed_px"]
+    return allowed is not None and agent["shift_px"] - agent["error_px"] > allowed
 
 
 def is_ok(result: dict) -> bool:
@@ -127,10 +144,7 @@ def _shifts(result: dict) -> list[str]:
 def _wrong(agent: dict) -> str:
     """Return what is wrong with an agent."""
     subject = f"agent {agent['agent']} at LOD {agent['lod']} in frame {agent['frame']}"
-    if (
-        agent["allowed_px"] is not None
-        and agent["shift_px"] - agent["error_px"] > agent["allowed_px"]
-    ):
+    if _shifts_too_far(agent):
         return (
             f"{subject} shifts {agent['shift_px']:.2f} px, {agent['allowed_px']:.2f} allowed there"
         )

@@ -50,11 +50,12 @@ class CROWDLOD_PT_plan(Step, bpy.types.Panel):
         label(layout, *describe_hold(context.scene))
 
 
-def _with_report(layout, name: str, icon: str, report: str, following: str) -> None:
-    """Draw the button of a step, and beside it the one that opens its report."""
+def _with_report(layout, name: str, icon: str, report: str, following: str) -> bpy.types.UILayout:
+    """Draw the button of a step, and beside it the one that opens its report; return the row."""
     row = layout.row(align=True)
     button(row, name, icon=icon, following=following)
     row.operator("crowd_lod.open_report", text="", icon="URL").which = report
+    return row
 
 
 def describe_hold(scene: bpy.types.Scene) -> tuple[str, str]:
@@ -290,9 +291,10 @@ class CROWDLOD_PT_verify(Step, bpy.types.Panel):
 
     def body(self, context, layout, settings) -> None:
         layout.prop(settings, "verify_count")
-        _with_report(
+        row = _with_report(
             layout, "crowd_lod.verify", "CHECKMARK", "VERIFY", steps.next_operator(context.scene)
         )
+        row.operator("crowd_lod.show_proof", text="", icon="IMAGE_DATA")
 
 
 class CROWDLOD_PT_verify_advanced(Step, bpy.types.Panel):
