@@ -12,7 +12,7 @@ from collections import defaultdict
 import numpy as np
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import Group, populate
-from crowd_lod_extension.crowd_lod.crowd.leave_outs import ALL, NO_HEIGHTS, STATIC, LeftOut
+from crowd_lod_extension.crowd_lod.crowd.leave_outs import ALL, STATIC, LeftOut
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import StateMachine, load_preset, parse
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
@@ -69,7 +69,7 @@ def shares(
 ) -> dict[LeftOut, float]:
     """Return the share of a frame that each part would cost."""
     items = sorted(
-        set(plan_leaving(ALL, trajectory, view, policy, TIME).left_out) - {STATIC, NO_HEIGHTS},
+        set(plan_leaving(ALL, trajectory, view, policy, TIME).left_out) - {STATIC},
         key=lambda item: item.reason,
     )
     choices = [ALL, *(ALL - {item} for item in items)]

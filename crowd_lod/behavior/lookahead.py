@@ -17,7 +17,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ..crowd.agents import Crowd
-from ..crowd.leave_outs import NOTHING
 from ..crowd.maps import LabelMap
 from ..crowd.state_machine import StateMachine
 from .tabulated_step import BLOCK, Tables, merge_columns, step_within_cells
@@ -226,7 +225,7 @@ def plan_turns(
     budget = 2 * most
     while len(agents) and len(rounds) < ROUNDS and budget >= 0:
         before = _walk_known(before, case, end - now, tables)
-        moved, plain_agents = step_within_cells(before, machine, world, tables, NOTHING)
+        moved, plain_agents = step_within_cells(before, machine, world, tables)
         after = merge_columns(moved, before, plain_agents, way)
         turning = _find_turns(before, after, case, plain_agents, tables)
         onward = look_ahead(after, machine, world, tables)

@@ -21,7 +21,6 @@ import numpy as np
 
 from ..crowd import random_streams
 from ..crowd.agents import Crowd
-from ..crowd.leave_outs import NOTHING, ONE_LABEL, LeftOut
 from ..crowd.maps import LabelMap
 from ..crowd.state_machine import StateMachine
 from ..progress import breath
@@ -54,16 +53,14 @@ def advance(
     world: LabelMap,
     seconds: float,
     exact: bool = False,
-    leave: frozenset[LeftOut] = NOTHING,
 ) -> tuple[Crowd, Tally]:
     """Return (crowd, Tally) `seconds` later, every agent stepped piece by piece.
 
     exact: take the limit of ever shorter steps. An agent whose state changes then moves no further
         than out of the cell on whose border it stands, and reads the table again
         (behavior/exact_walk.py).
-    leave: parts to leave out, from leave_outs.needless.
     """
-    way = _Way(crowd, machine, world, seconds, exact, leave)
+    way = _Way(crowd, machine, world, seconds, exact)
     while len(way.rest):
         breath()
         way.go()
@@ -96,7 +93,7 @@ class _Piece:
     """One read of the table and one move of the k agents on their way.
 
     walkers: where they are, and the velocity that they read.
-    label: (k,) uint8, of the cells they are in; (1,) if all of the map has one.
+    label: (k,) uint8, of the cells they are in.
     changed: (k,) bool, whose state the read has changed.
     span: (k,) seconds that they walk.
     to, to_cell: (2, k), where that leads, meters, and column and row of the cell there.
@@ -134,12 +131,10 @@ class _Way:
         world: LabelMap,
         seconds: float,
         exact: bool,
-        leave: frozenset[LeftOut],
     ):
         self.machine = machine
         self.world = world
         self.exact = exact
-        self.one_label = ONE_LABEL in leave
         self.draws = machine.timed or machine.chancy
         self.reflects = machine.edge == "reflect"
         area = world.area
@@ -205,8 +200,7 @@ class _Way:
         machine = self.machine
         agents = self.agents
         column, row = self.cell
-        labels = self.world.labels
-        label = labels[:1, 0] if self.one_label else labels[row, column]
+        label = self.world.labels[row, column]
         old = now.state[agents]
         rule = old.astype(np.intp) * len(machine.labels) + label
         velocity = self.velocities.take(rule, axis=1)
@@ -277,7 +271,7 @@ class _Way:
         piece.reads[leaving] += crossing.crossed
         if self.reflects:
             now.mirror[self.indices(leaving)] ^= crossing.flips
-        if self.draws and not self.one_label:
+        if self.draws:
             column, row = crossing.cell
             entered = np.zeros(len(piece.span), bool)
             entered[leaving] = world.labels[row, column] != piece.label[leaving]

@@ -5,10 +5,9 @@
 many steps in a row who need not look at the map at all. Callers do not choose: `Steps` does.
 """
 
-from functools import lru_cache, partial
+from functools import partial
 
 from ..crowd.agents import Crowd
-from ..crowd.leave_outs import NOTHING, LeftOut
 from ..crowd.maps import LabelMap
 from ..crowd.state_machine import StateMachine
 from .courant_number import check_speeds
@@ -33,7 +32,6 @@ class Steps:
 
     row: seconds of steps that follow each other, as those of a shot do; they are looked ahead. None
         where each step stands alone.
-    leave: parts to leave out, from leave_outs.needless.
 
     Several threads may ask at once.
     """
@@ -43,13 +41,10 @@ class Steps:
         machine: StateMachine,
         world: LabelMap,
         row: float | None = None,
-        leave: frozenset[LeftOut] = NOTHING,
     ):
         self.machine = machine
         self.world = world
         self.row = row
-        self.leave = leave
-        self._tables = lru_cache(maxsize=16)(partial(_make_tables, machine, world))
         # a crowd, and what is known of its next steps
         self._known: tuple[Crowd | None, Ahead | None] = None, None
         self._pause = 0
@@ -74,6 +69,10 @@ class Steps:
         if seconds == self.row:
             self._known = moved, ahead
         return moved
+
+    def _tables(self, seconds: float) -> Tables:
+        check_speeds(self.machine, self.world, seconds)
+        return Tables(self.machine, seconds)
 
     def _look_ahead(self, crowd: Crowd, seconds: float) -> Ahead | None:
         """Return what is known of the crowd's next steps, the next one at least.
@@ -105,18 +104,13 @@ class Steps:
         way = partial(self._advance, seconds=tables.seconds)
         if len(crowd) < FEW_AGENTS:
             return way(crowd)
-        moved, plain_agents = step_within_cells(crowd, self.machine, self.world, tables, self.leave)
+        moved, plain_agents = step_within_cells(crowd, self.machine, self.world, tables)
         return merge_columns(moved, crowd, plain_agents, way)
 
     def _advance(self, crowd: Crowd, seconds: float) -> Crowd:
-        return advance(crowd, self.machine, self.world, seconds, leave=self.leave)[0]
+        return advance(crowd, self.machine, self.world, seconds)[0]
 
 
 def step(crowd: Crowd, machine: StateMachine, world: LabelMap, seconds: float) -> Crowd:
     """Return the crowd `seconds` later, in one step that stands alone (see Steps)."""
     return Steps(machine, world).after(crowd, seconds)
-
-
-def _make_tables(machine: StateMachine, world: LabelMap, seconds: float) -> Tables:
-    check_speeds(machine, world, seconds)
-    return Tables(machine, seconds)

@@ -16,7 +16,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ..crowd.agents import Crowd
-from ..crowd.leave_outs import ONE_LABEL, LeftOut
 from ..crowd.maps import LabelMap
 from ..crowd.state_machine import StateMachine
 from .cell_borders import same_beside
@@ -63,7 +62,7 @@ class Tables:
         self.number = np.min_scalar_type(len(self.x))
 
     def cases(self, crowd: Crowd, block: slice, label: np.ndarray) -> np.ndarray:
-        """Return the cases (b,) intp of the agents in `block`; label: (b,) or one."""
+        """Return the cases (b,) intp of the agents in `block`, with the labels (b,)."""
         case = np.multiply(crowd.state[block], self.labels, dtype=self.number)
         if self.mirrors:
             case += np.multiply(crowd.mirror[block], self.rules, dtype=self.number)
@@ -104,7 +103,7 @@ class _Axis(NamedTuple):
 
 
 def step_within_cells(
-    crowd: Crowd, machine: StateMachine, world: LabelMap, tables: Tables, leave: frozenset[LeftOut]
+    crowd: Crowd, machine: StateMachine, world: LabelMap, tables: Tables
 ) -> tuple[Crowd, np.ndarray]:
     """Return (crowd, plain_agents): the crowd one step of the `tables` later.
 
@@ -134,7 +133,7 @@ def step_within_cells(
             plain_agents.append(np.arange(block.start, block.stop))
             continue
         cells = [axis.cells(block) for axis in axes]
-        case = tables.cases(crowd, block, _labels(world, cells, leave))
+        case = tables.cases(crowd, block, _labels(world, cells))
         needs_plain = _move(block, axes, cells, case, machine.edge, world)
         if machine.timed:
             waits = crowd.wait[block]
@@ -168,10 +167,8 @@ def merge_columns(
     return replace(moved, **columns)
 
 
-def _labels(world: LabelMap, cells: list[np.ndarray], leave: frozenset[LeftOut]) -> np.ndarray:
-    """Return the labels (b,) of these columns and rows; one where the map has one."""
-    if ONE_LABEL in leave:
-        return world.labels[0, 0]
+def _labels(world: LabelMap, cells: list[np.ndarray]) -> np.ndarray:
+    """Return the labels (b,) of these columns and rows."""
     column, row = cells
     cell = (row * world.labels.shape[1] + column).astype(np.intp)
     return world.labels.ravel().take(cell, mode="clip")

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..animation.phase_classes import gaits_of
 from ..crowd.agents import CLASSES, Crowd, Group
-from ..crowd.leave_outs import ALL, NO_FADES, NOTHING, STILL, LeftOut, needless, needless_of_places
+from ..crowd.leave_outs import ALL, NOTHING, STILL, LeftOut, needless, needless_of_places
 from ..crowd.maps import Area, LabelMap
 from ..crowd.state_machine import StateMachine
 from ..crowd.terrain import Ground, Terrain
@@ -85,9 +85,8 @@ class Walk(Trajectory):
         layered = self.heights is not None and not self.seated and self.heights.layered
         self._floors = self.heights if layered else None
         self._place_start()
-        needless_items = needless_of_places(self.start, not self.level)
-        needless_items |= needless(self.start, self.machine, self.world)
-        self.left_out = self.leave & needless_items
+        behavior = needless(self.start, self.machine, self.world)
+        self.left_out = self.leave & (behavior | needless_of_places(self.start))
         self._fade_start()
         # on the map, where the state machine knows them
         self._first = _onto(self.world.area, self.start) if self.seated else self.start
@@ -100,7 +99,7 @@ class Walk(Trajectory):
         # of a crowd that stands still: its x, and the ground's z there
         self._ground: tuple[np.ndarray, np.ndarray] | None = None
         row = self.seconds_per_frame if self.leave else None
-        self._steps = Steps(self.machine, self.world, row, self.left_out)
+        self._steps = Steps(self.machine, self.world, row)
         self._regrouped: Walk | None = None  # the last that was asked for
 
     def _place_start(self) -> None:
@@ -116,9 +115,9 @@ class Walk(Trajectory):
         self.start = replace(start, pace=pace, z=z)
 
     def _fade_start(self) -> None:
-        """Give the agents of the start the columns of cross-fades, if any agent ever fades."""
+        """Give the agents of the start the columns of cross-fades, if the machine has any."""
         pace = self.start.pace
-        if not len(self.machine.paces.fades) or NO_FADES in self.left_out:
+        if not len(self.machine.paces.fades):
             self.start = replace(self.start, played=None, faded=None)
         elif self.start.played is None:
             self.start = replace(self.start, played=pace, faded=np.ones(len(pace), np.float32))
@@ -187,7 +186,7 @@ class Walk(Trajectory):
         start = self._on_ground(start) if self.seated else start
         walk = replace(self, start=start, leave=leave, first_frame=int(time))
         walk.left_out = leave & self.left_out  # of the whole shot, not of what is still to come
-        walk._steps = Steps(self.machine, self.world, None, walk.left_out)
+        walk._steps = Steps(self.machine, self.world)
         return walk
 
     @cached_property

@@ -27,12 +27,6 @@ STILL = LeftOut(
     "behavior",
     "No agent ever moves or changes its state: behavior ran once, and only the action plays on.",
 )
-ONE_LABEL = LeftOut("behavior", "The map has one label: it is not looked up.")
-NO_FADES = LeftOut(
-    "behavior",
-    "No agent ever comes from another action into a state with a fade: none cross-fades.",
-)
-NO_HEIGHTS = LeftOut("behavior", "There is no height map: agents keep the height they start at.")
 BLOCKS = LeftOut(
     "culling",
     "Agents are in blocks: those of a block outside the picture, or inside and in one LOD, are "
@@ -59,21 +53,14 @@ WORKBENCH = LeftOut(
 )
 
 # In the order of the pipeline.
-ITEMS = (
-    STATIC, STILL, ONE_LABEL, NO_FADES, NO_HEIGHTS,
-    BLOCKS,
-)  # fmt: skip
+ITEMS = (STATIC, STILL, BLOCKS)
 ALL = frozenset(ITEMS)
 NOTHING: frozenset[LeftOut] = frozenset()
 
 
-def needless_of_places(crowd: Crowd, relief: bool) -> frozenset[LeftOut]:
-    """Return the work that no frame of the `crowd` needs, whoever moves it.
-
-    relief: whether agents stand on a ground that is not level.
-    """
-    holds = {NO_HEIGHTS: not relief, BLOCKS: len(crowd) >= morton_order.FEWEST}
-    return frozenset(item for item, true in holds.items() if true)
+def needless_of_places(crowd: Crowd) -> frozenset[LeftOut]:
+    """Return the work that no frame of the `crowd` needs, whoever moves it."""
+    return frozenset([BLOCKS]) if len(crowd) >= morton_order.FEWEST else NOTHING
 
 
 def needless(crowd: Crowd, machine: StateMachine, world: LabelMap) -> frozenset[LeftOut]:
@@ -85,14 +72,8 @@ def needless(crowd: Crowd, machine: StateMachine, world: LabelMap) -> frozenset[
     draws = bool((machine.next_choice[rules] >= 0).any())
     moves = bool(machine.velocity[rules].any())
     fading = crowd.faded is not None and bool((crowd.faded < 1).any())
-    if stays and not (draws or moves or machine.timed or fading):
-        return frozenset([STILL])  # there are no steps to make shorter
-    could_fade = bool(machine.fades[np.ix_(states, states)].any())
-    holds = {
-        ONE_LABEL: len(labels) == 1,
-        NO_FADES: bool(machine.fades.any()) and not could_fade and not fading,
-    }
-    return frozenset(item for item, holding in holds.items() if holding)
+    still = stays and not (draws or moves or machine.timed or fading)
+    return frozenset([STILL]) if still else NOTHING
 
 
 def reachable_velocities(machine: StateMachine, world: LabelMap, states: np.ndarray) -> np.ndarray:

@@ -19,22 +19,18 @@ from .sheets import ROUNDING, Grid, Sheets, grid_of, place_components, read_shee
 LARGEST = 8  # components that are drawn first
 
 
-def map_depths(
-    occluders: Occluders, camera: Camera, neighbors: Sequence[Camera] = ()
-) -> np.ndarray:
+def map_depths(occluders: Occluders, cameras: Sequence[Camera]) -> np.ndarray:
     """Return the map of nearness (rows, columns) float64, the bottom row first.
 
     -inf where a ray through the cell may pass. Else no ray of the camera gets beyond that nearness
     within the cell.
 
-    camera: PERSP or ORTHO.
-    neighbors: the same camera at the times before and after. The map then holds at all times
-        between, if the camera moves on without turning back: the border of a sheet then passes no
-        cell farther from it than it moves, so such cells stay covered, or uncovered.
+    cameras: PERSP or ORTHO; one, or one at the begin and the end of a time. The map then holds at
+        all times between, if the camera moves on without turning back: cells that the border of a
+        sheet does not pass stay covered, or uncovered.
     """
-    grid = grid_of(camera)
-    cameras = camera, *neighbors
-    low, high, nearest = place_components(occluders, camera, grid)
+    grid = grid_of(cameras[0])
+    low, high, nearest = place_components(occluders, cameras[0], grid)
     components = np.argsort(-(high - low).prod(axis=1))
     components = components[np.isfinite(nearest[components])]
     largest, smaller = np.split(components, [LARGEST])

@@ -1,6 +1,5 @@
 """Which spheres opaque scenery hides from a camera: their rectangles on the map of depths."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,15 +38,15 @@ class Rectangles:
 class OcclusionMap:
     """What scenery hides from one camera."""
 
-    def __init__(self, occluders: Occluders, camera: Camera, neighbors: Sequence[Camera] = ()):
+    def __init__(self, occluders: Occluders, *cameras: Camera):
         """Draw the map.
 
-        camera: PERSP or ORTHO, without lens blur.
-        neighbors: the same camera at the times before and after (see depth_map.map_depths).
+        cameras: PERSP or ORTHO, without lens blur; one, or one at the begin and the end of a time
+            (see depth_map.map_depths).
         """
-        self.cameras = (camera, *neighbors)
-        self.grid: Grid = grid_of(camera)
-        self.nearness = map_depths(occluders, camera, neighbors)
+        self.cameras = cameras
+        self.grid: Grid = grid_of(cameras[0])
+        self.nearness = map_depths(occluders, cameras)
         self._least = RectangleMinima(self.nearness)
 
     @property

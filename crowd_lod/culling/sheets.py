@@ -1,7 +1,7 @@
 """The sheets of opaque scenery in a picture, and where they end.
 
-Triangles of a connected component that face one way are a sheet. What it covers in the picture ends
-at its border alone: at edges where no triangle of the sheet goes on.
+Triangles that face one way and go on from each other at their edges are a sheet. What it covers in
+the picture ends at its border alone: at edges where no triangle of the sheet goes on.
 
 Depths are kept as nearness, which is linear in the picture: 1 / meters along the view, or of an
 orthographic camera minus meters.
@@ -13,6 +13,7 @@ from itertools import product
 
 import numpy as np
 
+from ..connected_components import connected_components
 from .camera import GRAIN, Camera, Window, stretch
 from .occluders import Occluders
 
@@ -105,18 +106,19 @@ def read_sheets(
     row = np.cumsum(is_used) - 1  # of each vertex among those that are used
     points = occluders.points[is_used]
     views = [view_points(points, camera) for camera in cameras]
-    facing = _facing(views[0][row[shape.triangles[number]]], cameras[0])
-    sheet = np.full(len(shape.triangles) + 1, -1)  # the last stands for no triangle
-    sheet[number] = np.where(facing != 0, 2 * shape.component[number] + (facing > 0), -1)
-    number = number[facing != 0]
+    facing = np.zeros(len(shape.triangles) + 1, np.intp)  # the last stands for no triangle
+    facing[number] = _facing(views[0][row[shape.triangles[number]]], cameras[0])
+    number = np.flatnonzero(facing)
+    beside = facing[shape.sides]
+    goes_on = (beside[:, 0] == beside[:, 1]) & (beside[:, 0] != 0)
+    sheet = np.append(connected_components(len(shape.triangles), shape.sides[goes_on]), -1)
     grain = GRAIN * (np.abs(points).sum(axis=1) + np.abs(cameras[0].origin).sum())
     columns = np.concatenate([*views, grain[:, None]], axis=1)
     corners = columns[row[shape.triangles[number]]]
     of_corners = sheet[number]
-    beside = sheet[shape.sides]
-    rows, side = np.nonzero((beside >= 0) & (beside[:, :1] != beside[:, 1:]))
+    rows, side = np.nonzero((beside != 0) & ~goes_on[:, None])
     ends = columns[row[shape.edges[rows]]]
-    of_ends = beside[rows, side]
+    of_ends = sheet[shape.sides[rows, side]]
     for k, camera in enumerate(cameras):
         cut = nearest_cut(camera)
         corners, of_corners, cuts, of_cuts = _cut_triangles(corners, of_corners, 3 * k + 2, cut)
@@ -332,30 +334,36 @@ def _picture(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return (x, y in cells and nearness (m, k, 3), slack (m, 2) in cells) of m times k vertices.
 
-    Nearness is the least of all cameras. The slack, across and up, holds how far cameras move a
-    vertex, and by how much renderers round its place.
+    Triangles (k = 3) are where the first camera has them, borders (k = 2) in the middle of where
+    the cameras have them. Nearness is the least of all cameras. The slack, across and up, holds how
+    far cameras move a vertex from there, and by how much renderers round its place.
 
     columns: (m, k, c), coordinates of each camera; last the rounding in meters.
     """
-    pictures = [
-        _in_cells(columns[..., 3 * k : 3 * k + 3], camera, grid.of_camera(camera))
-        for k, camera in enumerate(cameras)
-    ]
-    first = pictures[0]
-    moved = np.max([np.abs(there[..., :2] - first[..., :2]) for there in pictures], axis=0)
-    least = np.min([there[..., 2] for there in pictures], axis=0)
+    pictures = np.array(
+        [
+            _in_cells(columns[..., 3 * k : 3 * k + 3], camera, grid.of_camera(camera))
+            for k, camera in enumerate(cameras)
+        ]
+    )
+    places = pictures[..., :2]
+    low = places.min(axis=0)
+    high = places.max(axis=0)
+    place = places[0] if columns.shape[1] == 3 else (low + high) / 2
+    moved = np.maximum(high - place, place - low)
+    least = pictures[..., 2].min(axis=0)
     grain = columns[..., -1]
     scale = grid.scale.max()
     if cameras[0].kind == "ORTHO":
         rounding = grain * scale
         least = least - grain
     else:
-        aside = np.abs(first[..., :2] + grid.low * grid.scale).max(axis=-1)
-        rounding = grain * first[..., 2] * (scale + aside)
+        aside = np.abs(places + grid.low * grid.scale).max(axis=(0, -1))
+        rounding = grain * pictures[..., 2].max(axis=0) * (scale + aside)
         least = least * (1 - np.minimum(grain * least, 1))
     slack = (moved + rounding[..., None]).max(axis=1, initial=0.0)
-    slack += ROUNDING * (1 + np.abs(first[..., :2]).max(axis=(1, 2), initial=0.0))[:, None]
-    return np.concatenate([first[..., :2], least[..., None]], axis=-1), slack
+    slack += ROUNDING * (1 + np.abs(place).max(axis=(1, 2), initial=0.0))[:, None]
+    return np.concatenate([place, least[..., None]], axis=-1), slack
 
 
 def _in_cells(points: np.ndarray, camera: Camera, grid: Grid) -> np.ndarray:

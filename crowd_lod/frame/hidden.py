@@ -42,20 +42,22 @@ def hide(frame: Frame, occluders: Occluders | None) -> tuple[Frame, list[Maps]]:
 
 
 def _maps_of(frame: Frame, occluders: Occluders) -> list[Maps]:
-    """Return the maps of the frame's moments."""
+    """Return the maps of the frame's moments.
+
+    With motion blur a map holds from one sample of the shutter to the next.
+    """
     films = [frame.eyes, *(eyes for _, eyes in frame.shutter)]
     # spheres are not grown for the camera's motion: the maps hold between the samples
     films = [tuple(replace(eye, pad=0.0, turn=0.0) for eye in as_pictured(eyes)) for eyes in films]
-    maps = [tuple(OcclusionMap(occluders, eye) for eye in films[0])]
-    for k in range(1, len(films)):
-        beside = [films[other] for other in (k - 1, k + 1) if 1 <= other < len(films)]
-        maps.append(
-            tuple(
-                OcclusionMap(occluders, eye, [others[number] for others in beside])
-                for number, eye in enumerate(films[k])
-            )
-        )
-    return maps
+    if len(frame.shutter) < 2:
+        return [tuple(OcclusionMap(occluders, eye) for eye in eyes) for eyes in films]
+    maps = [
+        tuple(OcclusionMap(occluders, *pair) for pair in zip(eyes, later, strict=True))
+        for eyes, later in zip(films[1:-1], films[2:], strict=True)
+    ]
+    times = np.array([time for time, _ in frame.shutter])
+    steps = np.searchsorted(times[1:-1], [frame.time, *times], side="right")
+    return [maps[step] for step in steps.tolist()]
 
 
 def _hidden_agents(frame: Frame, maps: Sequence[Maps]) -> np.ndarray:

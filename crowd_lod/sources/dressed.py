@@ -46,7 +46,7 @@ class Dressed(AroundTrajectory):
         self.start = self._of(base.start)
         self.leave = base.leave
         behavior = {item for item in base.left_out if item.stage == "behavior"}
-        places = needless_of_places(self.start, not self.level)
+        places = needless_of_places(self.start)
         self.left_out = self.leave & (
             behavior | {item for item in places if item.stage != "behavior"}
         )

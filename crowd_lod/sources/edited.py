@@ -73,9 +73,7 @@ class Edited(AroundTrajectory):
         self.start = self._of(base.start)
         self.leave = base.leave
         behavior = {item for item in base.left_out if item.stage == "behavior"}
-        places = needless_of_places(self.start, not self.level)
-        elsewhere = {item for item in places if item.stage != "behavior"}
-        self.left_out = self.leave & (behavior | elsewhere)
+        self.left_out = self.leave & (behavior | needless_of_places(self.start))
         # Blocks hold for agents that leave the area only if these are put back onto it.
         moves_off = base.wraps or not _all_on(base.start, self._moved, base.area)
         self._leaves_area = bool(len(self._moved)) and moves_off

@@ -136,7 +136,7 @@ class Points(Trajectory):
             key=draws.key,
         )
         self.leave: frozenset[LeftOut] = ALL
-        self.left_out = needless_of_places(self.start, relief=True)
+        self.left_out = needless_of_places(self.start)
 
     @property
     def area(self) -> Area:

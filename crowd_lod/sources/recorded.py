@@ -87,7 +87,7 @@ class Recorded(Trajectory):
         self._area = Area(x_min - around, y_min - around, x_max + around, y_max + around, z_min)
         self._latest: tuple[float, Crowd] | None = None
         self.start = self.at(self.first_frame)
-        self.left_out = self.leave & needless_of_places(self.start, not self.level)
+        self.left_out = self.leave & needless_of_places(self.start)
 
     def file_frame(self, time: float) -> float:
         """Return the frame of the file, whole or not, that is played at a frame of the scene."""

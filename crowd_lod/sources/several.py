@@ -234,7 +234,7 @@ class Several(Trajectory):
 
     def _needless(self) -> frozenset[LeftOut]:
         alike = frozenset.intersection(*(member.left_out for member in self.members))
-        places = needless_of_places(self.start, not self.level)
+        places = needless_of_places(self.start)
         return places | {item for item in alike if item.stage == "behavior"}
 
     def _together(self, crowds: list[Crowd]) -> Crowd:

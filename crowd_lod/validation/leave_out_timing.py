@@ -1,14 +1,12 @@
 """Measured milliseconds that each left out part of the work saves."""
 
-import time as clock
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ..crowd.height_map import HeightMap
-from ..crowd.leave_outs import ALL, ITEMS, NO_HEIGHTS, STATIC, STILL, LeftOut
+from ..crowd.leave_outs import ALL, ITEMS, STATIC, STILL, LeftOut
 from ..culling.camera import Camera
 from ..frame.frame import Frame, plan
 from ..frame.index_cache import blocks_at
@@ -23,8 +21,7 @@ class Savings:
     full, lean: the four stages of a frame without and with all leave-outs. Behavior is one single
         step: a walk's look-ahead serves many frames and would hide what an item saves.
     items: what each item saves when those before it are left out already. Together they are about
-        full - lean. The height map is an exception, as the full pipeline has none either: its entry
-        is the cost of looking up all agents on a level one.
+        full - lean.
     spread: half of the interquartile range of each. A saving below it is below the clock's
         precision.
     """
@@ -78,16 +75,14 @@ def savings(
         return np.array([behavior, sum(rest)]), frame.left_out
 
     left_out = set(measured(ALL)[1])
-    order = [item for item in ITEMS if item in left_out and item not in (STATIC, NO_HEIGHTS)] + [
-        STATIC
-    ] * (STATIC in left_out)
+    order = [item for item in ITEMS if item in left_out and item is not STATIC] + [STATIC] * (
+        STATIC in left_out
+    )
     choices = [frozenset(order[:k]) for k in range(len(order) + 1)]
     took = np.array([[measured(leave)[0] for leave in choices] for _ in range(repeats)])
     # Only the part in which an item can save anything counts: the other is the clock's noise.
     part = [0 if item.stage == "behavior" else 1 for item in order]
     gained = {item: took[:, k, part[k]] - took[:, k + 1, part[k]] for k, item in enumerate(order)}
-    if NO_HEIGHTS in left_out:
-        gained[NO_HEIGHTS] = _look_up(trajectory, repeats)
     quarters = {item: np.percentile(gained[item], (25, 50, 75)) for item in ITEMS if item in gained}
     full, lean = np.median(took[:, [0, -1]].sum(axis=2), axis=0)
     return Savings(
@@ -96,14 +91,3 @@ def savings(
         {item: float(middle) for item, (_, middle, _) in quarters.items()},
         {item: float(high - low) / 2 for item, (low, _, high) in quarters.items()},
     )
-
-
-def _look_up(trajectory: Trajectory, repeats: int) -> np.ndarray:
-    """Return (repeats,) milliseconds of looking up all agents on a height map."""
-    level = HeightMap(np.zeros((256, 256), np.float32), trajectory.area)
-    took = []
-    for _ in range(repeats):
-        begun = clock.perf_counter()
-        level.at(trajectory.start.x, trajectory.start.y)
-        took.append(1000 * (clock.perf_counter() - begun))
-    return np.array(took)

@@ -33,10 +33,7 @@ def agents_row(agents: Sequence[dict], tolerance: float | None) -> dict[str, Any
 
 
 def worst_agents(agents: Sequence[dict]) -> list[int]:
-    """Return the places of the MOST_SHOWN worst agents, the worst first.
-
-    Those that are not OK come before those whose silhouettes shift most.
-    """
+    """Return the places of the MOST_SHOWN worst agents: those that are wrong, then by shift."""
     order = sorted(
         range(len(agents)), key=lambda k: (agents[k]["ok"] is not False, -agents[k]["shift_px"])
     )

@@ -1,44 +1,45 @@
 """What the characters of a scene and their LODs are, as named inputs of plans, builds and LODs."""
 
-import time as clock
-from collections.abc import Generator, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from functools import partial
-from typing import Any
 
 import bpy
 
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.progress import Made, finished
-from ..blender import named_actions, performance, provenance, scene_cache
+from ..blender import named_actions, performance, provenance
+from ..blender.sidebar_answers import hold
 from ..machine.scene_world import actions_named
 from .characters import GROUP, all_characters
 
 CHARACTER = "the character "  # begins the names of their inputs
-PAUSE = 1.0  # seconds between two looks at a scene in which Blender tells of no edit
-SHARE = 0.05  # of the time that looks may take
-_known: dict[int, tuple[float, int, dict[str, str]]] = scene_cache.add_cache({}, by_scene=True)
 
 
+@hold(lambda _: provenance.changes)
 def cast_inputs(scene: bpy.types.Scene) -> dict[str, str]:
     """Return the digest of each character and of each LOD of it, by names such as "LOD 1 of adult".
 
     Of a scene without usable characters they are none. A change that Blender does not tell of is
     seen a second later; provenance.look_afresh() sees all.
     """
-    return finished(reading(scene))
+    return dict(_read_cast(scene))
 
 
-def reading(scene: bpy.types.Scene) -> Generator[float, None, dict[str, str]]:
-    """Read what is not known of characters and LODs: yield between parts, return cast_inputs."""
-    now = clock.monotonic()
-    until, changes, inputs = _known.get(scene.session_uid, (now, -1, {}))
-    if now >= until or changes != provenance.changes:
-        changes = provenance.changes
-        took, inputs = yield from _timed(_reading(scene))
-        scene_cache.tidy()
-        _known[scene.session_uid] = now + PAUSE * max(1.0, took / SHARE), changes, inputs
-    return inputs
+def reading(scene: bpy.types.Scene) -> Iterator[float]:
+    """Read what is not known of characters and LODs, so that cast_inputs looks them up.
+
+    Yields between the parts.
+    """
+    if cast_inputs.holds(scene):
+        return
+    with suppress(CrowdError):  # missing characters are told elsewhere
+        for character in all_characters(scene):
+            for item in character.objects:
+                yield from provenance.reading_shape(item)
+                yield 0.0
+    for _ in _read_cast(scene):
+        yield 0.0
+    cast_inputs(scene)
 
 
 def reading_afresh(scene: bpy.types.Scene) -> Iterator[float]:
@@ -48,33 +49,6 @@ def reading_afresh(scene: bpy.types.Scene) -> Iterator[float]:
     """
     provenance.look_afresh()
     yield from reading(scene)
-
-
-def _timed(steps: Generator[Any, None, Made]) -> Generator[float, None, tuple[float, Made]]:
-    """Take the steps: yield between them, return (the seconds that they took, their result)."""
-    took = 0.0
-    while True:
-        began = clock.monotonic()
-        try:
-            next(steps)
-        except StopIteration as end:
-            return took + clock.monotonic() - began, end.value
-        took += clock.monotonic() - began
-        yield 0.0
-
-
-def _reading(scene: bpy.types.Scene) -> Generator[float, None, dict[str, str]]:
-    """Read all that is not known; yield between parts."""
-    inputs = {}
-    with suppress(CrowdError):  # missing characters are told elsewhere
-        for character in all_characters(scene):
-            for item in character.objects:
-                yield from provenance.reading_shape(item)
-                yield 0.0
-    for name, digest in _looked(scene):
-        inputs[name] = digest
-        yield 0.0
-    return inputs
 
 
 def of_characters(inputs: dict[str, str]) -> dict[str, str]:
@@ -89,7 +63,8 @@ def _actions(scene: bpy.types.Scene, name: str, objects: list[bpy.types.Object])
     )
 
 
-def _looked(scene: bpy.types.Scene) -> Iterator[tuple[str, str]]:
+def _read_cast(scene: bpy.types.Scene) -> Iterator[tuple[str, str]]:
+    """Yield the name and the digest of each character, and of each LOD."""
     with suppress(CrowdError):  # missing characters are told elsewhere
         cast = {}
         for character in all_characters(scene):

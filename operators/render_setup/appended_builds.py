@@ -1,37 +1,21 @@
 """Live builds from another file that stand still: without their scene, or in a linked one."""
 
-import time as clock
-
 import bpy
 
-from ..blender import scene_cache
+from ..blender.sidebar_answers import hold
 from .nodes import instances, trees
 from .render_setup import BAKED, LEVEL, MADE_FROM
 
 # Custom property of scenes that a run of ours draws: it moves their build itself.
 STAGE = "crowd_lod_stage"
-_LOOK = 1.0  # seconds between two looks: the sidebar asks whenever it is drawn
-# Of each scene: when it was looked at, and the sentence.
-_known: dict[int, tuple[float, str]] = scene_cache.add_cache({}, by_scene=True)
 
 
+@hold()
 def standing_still(scene: bpy.types.Scene) -> str:
     """Return a sentence on live builds in the scene that nothing moves; "" without.
 
     No scene's settings name them, or the scene is linked.
-
-    The answer may be a second old.
     """
-    now = clock.monotonic()
-    looked, sentence = _known.get(scene.session_uid, (-_LOOK, ""))
-    if now >= looked + _LOOK:
-        sentence = _sentence(scene)
-        scene_cache.tidy()
-        _known[scene.session_uid] = now, sentence
-    return sentence
-
-
-def _sentence(scene: bpy.types.Scene) -> str:
     names = _names(scene)
     if names:
         return (

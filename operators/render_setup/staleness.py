@@ -4,15 +4,13 @@ A live build follows frame and camera by itself. What it does not follow, and al
 shows, is compared with what it was made for.
 """
 
-import time as clock
-
 import bpy
 
 from ...crowd_lod.errors import CrowdError
-from ..blender import provenance, scene_cache, scene_data
+from ..blender import provenance, scene_data
 from ..blender.cameras import read_cameras
 from ..blender.provenance import text_digest
-from ..blender.sidebar_answers import keep_at_work
+from ..blender.sidebar_answers import hold, keep_at_work
 from ..machine.scene_world import bias_of
 from ..scene.lights import read_surroundings
 from ..scene.scene_crowd import policy_of, trajectory_of
@@ -34,46 +32,27 @@ SETTINGS = (
     "tilt",
     "scale_textures",
 )
-LOOK = 1.0  # seconds between two comparisons
-_known: dict[int, tuple[float, list[str]]] = scene_cache.add_cache({}, by_scene=True)
 
 
 def note_build(scene: bpy.types.Scene) -> None:
     """Store in the scene's build what it was made for, as cast_provenance has read it afresh."""
     provenance.keep(scene.crowd_lod.build, MADE_FOR, _now(scene))
-    _known.pop(scene.session_uid, None)
+    _changes.drop(scene)
 
 
 @keep_at_work
 def changed(scene: bpy.types.Scene) -> list[str]:
     """Return what has changed since the scene's build was made; none if it does not say.
 
-    None without a build, too. The answer may be a second old: the sidebar asks whenever it is
-    drawn.
+    None without a build, too.
     """
-    if not _tells(scene):
-        return []
-    now = clock.monotonic()
-    looked, sentences = _known.get(scene.session_uid, (-LOOK, []))
-    if now >= looked + LOOK:
-        sentences = compare(scene)
-    return sentences
+    return _changes(scene)
 
 
 def compare(scene: bpy.types.Scene) -> list[str]:
     """Return what `changed` does, after a look now."""
-    if not _tells(scene):
-        return []
-    sentences = _compared(scene, scene.crowd_lod.build)
-    scene_cache.tidy()
-    _known[scene.session_uid] = clock.monotonic(), sentences
-    return sentences
-
-
-def _tells(scene: bpy.types.Scene) -> bool:
-    """Return whether the scene has a build that says what it was made for."""
-    build = scene.crowd_lod.build
-    return build is not None and isinstance(build.get(MADE_FOR), str)
+    _changes.drop(scene)
+    return _changes(scene)
 
 
 def camera_motion(scene: bpy.types.Scene) -> str:
@@ -85,7 +64,16 @@ def camera_motion(scene: bpy.types.Scene) -> str:
     return text_digest(provenance.motion_digest(cameras), frames)
 
 
-def _compared(scene: bpy.types.Scene, build: bpy.types.Collection) -> list[str]:
+def _build_uid(scene: bpy.types.Scene) -> int:
+    build = scene.crowd_lod.build
+    return build.session_uid if build is not None else 0
+
+
+@hold(_build_uid)
+def _changes(scene: bpy.types.Scene) -> list[str]:
+    build = scene.crowd_lod.build
+    if build is None or not isinstance(build.get(MADE_FOR), str):
+        return []
     try:
         sentences = provenance.differences(provenance.read_inputs(build, MADE_FOR), _now(scene))
         if BAKED in build and not scene.frame_subframe:

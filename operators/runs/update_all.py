@@ -4,7 +4,6 @@ docs/notes/files.md says what each step rests on, and what a cancel leaves.
 """
 
 import json
-import time as clock
 from collections.abc import Callable, Generator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -16,10 +15,10 @@ import bpy
 from ...crowd_lod.errors import FAULTS, CrowdError
 from ...crowd_lod.errors import sentence as fault_sentence
 from ...crowd_lod.progress import finished, share, standing
-from ..blender import provenance, scene_cache, scene_data, unfinished
+from ..blender import provenance, scene_data, unfinished
 from ..blender.operator import Stepwise
 from ..blender.output_folders import full_path
-from ..blender.sidebar_answers import keep_at_work
+from ..blender.sidebar_answers import hold, keep_at_work
 from ..characters.cast_provenance import reading_afresh
 from ..lod_meshes.made_for import outdated
 from ..lod_meshes.make_lods import make_levels
@@ -34,8 +33,6 @@ from ..shot.planned_cameras import note_cameras, plans_these_cameras
 from ..shot.shot_plan import plan_of_settings, requested_of, wanted_of
 from ..sources.crowd_sources import live
 
-LOOK = 1.0  # seconds between two looks of the sidebar
-SHARE = 0.05  # of the time that the looks may take
 # what plan.json has of a plan's settings, in words
 REQUESTED = {
     "avoid_pops": "Extra Cost for Fewer Pops",
@@ -43,8 +40,6 @@ REQUESTED = {
     "blur": "Coarser Where Blurred",
     "budget": "the budget",
 }
-_known: dict[int, tuple[float, tuple, dict[str, str]]] = scene_cache.add_cache({}, by_scene=True)
-_requested: dict[tuple, dict[str, Any]] = scene_cache.add_cache({})
 
 
 @dataclass(frozen=True)
@@ -114,15 +109,10 @@ def _changes_of_plan(scene: bpy.types.Scene, thorough: bool) -> Generator[float,
 
 def _requested_before(settings) -> dict[str, Any]:
     """Return the settings that the scene's plan was asked for; those of now without plan.json."""
-    key = reference(settings)
-    if key not in _requested:
-        path = full_path(settings.shot_plan).with_name("plan.json")
-        request = None
-        with suppress(OSError, ValueError, LookupError, TypeError):
-            request = dict(json.loads(path.read_text(encoding="utf-8"))["shot"]["asked"])
-        _requested.clear()
-        _requested[key] = request
-    return _requested[key] or requested_of(wanted_of(settings.id_data, key[0].parent, ()))
+    path = full_path(settings.shot_plan).with_name("plan.json")
+    with suppress(OSError, ValueError, LookupError, TypeError):
+        return dict(json.loads(path.read_text(encoding="utf-8"))["shot"]["asked"])
+    return requested_of(wanted_of(settings.id_data, path.parent, ()))
 
 
 def _reason_to_build(scene: bpy.types.Scene, thorough: bool) -> Generator[float, None, str]:
@@ -167,27 +157,24 @@ def _reason_to_bake(
 def due_steps(scene: bpy.types.Scene) -> dict[str, str]:
     """Return why each step is due, by its label, as far as the sidebar can tell.
 
-    A step that rests on a due one may become due by it. The answer is kept so long that
-    looks take little of the time; look_again() drops it.
+    A step that rests on a due one may become due by it. look_again() drops the answer.
     """
-    now = clock.monotonic()
-    until, changes, due = _known.get(scene.session_uid, (now, (), {}))
-    key = (provenance.changes, reference(scene.crowd_lod))
-    if now >= until or changes != key:
-        due = {}
-        for step in update_steps(scene):
-            with suppress(CrowdError):  # what is wrong is told elsewhere
-                if reason := finished(step.find_reason(scene, False)):
-                    due[step.label] = reason
-        took = clock.monotonic() - now
-        scene_cache.tidy()
-        _known[scene.session_uid] = now + max(LOOK, took / SHARE), key, due
+    return _due(scene)
+
+
+@hold(lambda scene: (provenance.changes, reference(scene.crowd_lod)))
+def _due(scene: bpy.types.Scene) -> dict[str, str]:
+    due = {}
+    for step in update_steps(scene):
+        with suppress(CrowdError):  # what is wrong is told elsewhere
+            if reason := finished(step.find_reason(scene, False)):
+                due[step.label] = reason
     return due
 
 
 def look_again(scene: bpy.types.Scene) -> None:
     """Let the sidebar look again at once."""
-    _known.pop(scene.session_uid, None)
+    _due.drop(scene)
 
 
 def update_all(

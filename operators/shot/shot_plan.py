@@ -77,14 +77,12 @@ class PlanRequest:
     budget: what each frame may take.
     variety: the part of close neighbors that may be in step.
     blurred: whether LODs may be as many pixels coarser as their agents are blurred wide.
-    keeps: whether the folder keeps the survey so far, for the run after one that is killed.
     """
 
     frames: Sequence[int]
     folder: Path
     avoid: float = 0.05
     budget: Budget = Budget()
-    keeps: bool = False
     blurred: bool = False
     variety: float = VARIETY
 
@@ -119,9 +117,7 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
     policy = policy_of(scene.crowd_lod)
     exemptions = exemptions_of(scene, trajectory, policy, request.frames)
     through = yield from share(
-        survey_of(
-            scene, request.frames, request.folder if request.keeps else None, request.blurred
-        ),
+        survey_of(scene, request.frames, request.blurred),
         READY,
         SURVEYED,
     )

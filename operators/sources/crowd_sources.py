@@ -1,7 +1,6 @@
 """From a scene's crowds to one trajectory: each crowd's agents by its source, then all together."""
 
 import hashlib
-import time as clock
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import replace
 
@@ -24,6 +23,7 @@ from ...crowd_lod.sources.several import Several
 from ...crowd_lod.sources.trajectory import Trajectory
 from ...crowd_lod.tracks.cast import groups_of_agents
 from ..blender import image_data, scene_cache, scene_data, stored_values
+from ..blender.sidebar_answers import hold
 from ..characters.characters import props_outdated
 from ..characters.take_action import action_outdated
 from ..machine import terrain_source
@@ -41,10 +41,6 @@ _together: dict[int, tuple[tuple, Trajectory]] = scene_cache.add_cache({}, by_sc
 # By scene: the agents that were dressed last, and they with what they wear.
 _worn: dict[int, tuple[Trajectory, Trajectory]] = scene_cache.add_cache({}, by_scene=True)
 
-
-# By scene, of the last check by `outdated`: the time, the inputs, and the sentences.
-_outdated: dict[int, tuple[float, tuple, list[str]]] = scene_cache.add_cache({}, by_scene=True)
-LOOK = 1.0  # seconds between two checks
 ASKED = start_source.places_outdated, terrain_source.terrain_outdated
 
 
@@ -141,24 +137,18 @@ def notes(crowds: Sequence, trajectory: Trajectory) -> Iterator[str]:
                 )
 
 
+@hold(inputs_of)
 def outdated(scene: bpy.types.Scene) -> list[str]:
     """Return sentences on what has changed since Populate: places, terrain, props, actions.
 
-    None before the first Populate. The sidebar calls this whenever it is drawn: while the settings
-    stay, the answer may be LOOK seconds old.
+    None before the first Populate.
     """
     if not len(scene.crowd_lod.groups):
         return []
-    now = clock.monotonic()
-    inputs = inputs_of(scene)
-    looked, before, sentences = _outdated.get(scene.session_uid, (-LOOK, (), []))
-    if now >= looked + LOOK or inputs != before:
-        sentences = [
-            note for crowd in crowds_of(scene.crowd_lod) for ask in ASKED for note in ask(crowd)
-        ]
-        sentences += [*props_outdated(scene), *action_outdated(scene)]
-        _outdated[scene.session_uid] = now, inputs, sentences
-    return sentences
+    sentences = [
+        note for crowd in crowds_of(scene.crowd_lod) for ask in ASKED for note in ask(crowd)
+    ]
+    return [*sentences, *props_outdated(scene), *action_outdated(scene)]
 
 
 def _images(crowd) -> tuple:
@@ -219,7 +209,7 @@ def populate_crowds(
 
     Without ids this number may not change.
     """
-    _outdated.pop(scene.session_uid, None)
+    outdated.drop(scene)
     live_crowds = [
         (k, crowd) for k, crowd in enumerate(crowds_of(scene.crowd_lod)) if is_live(crowd)
     ]

@@ -6,7 +6,6 @@ JuPedSim brings Shapely, which does the geometry here. Both are imported when a 
 import sys
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
-from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from math import ceil, sqrt
@@ -96,7 +95,6 @@ def simulate(request: SimulationRequest, path: Path) -> Generator[float, None, i
         writer.close()
 
 
-@cache
 def has_jupedsim() -> bool:
     """Return whether JuPedSim is installed where this Blender finds it."""
     return find_spec("jupedsim") is not None

@@ -20,6 +20,9 @@ def empty_file(registered):
 
     Previews leave out the pictures of LODs: test_lod_table.py alone looks at them.
     """
+    # The first brings a new window manager. The old one has all that was to be drawn in a window,
+    # and Blender looks through it whenever something is removed: soon a third of the tests' time.
+    bpy.ops.wm.read_homefile(use_empty=True)
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     settings = bpy.context.scene.crowd_lod
     settings.choice = "BY_RATIO"

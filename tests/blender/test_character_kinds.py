@@ -4,8 +4,8 @@ button.
 
 import bpy
 import pytest
+from crowd_lod_extension.operators.blender import sidebar_answers
 from crowd_lod_extension.operators.blender.scene_data import set_node_input
-from crowd_lod_extension.operators.characters import cast_provenance
 from crowd_lod_extension.operators.render_setup import staleness
 
 from ..support.characters import character, new, rig, skin, tube
@@ -13,8 +13,7 @@ from ..support.nodes import BLOCKS, INPUTS, nodes_modifier
 
 
 def test_a_changed_input_of_nodes_makes_the_build_ask_for_update(small_shot, monkeypatch):
-    monkeypatch.setattr(staleness, "LOOK", 0.0)
-    monkeypatch.setattr(cast_provenance, "PAUSE", 0.0)
+    monkeypatch.setattr(sidebar_answers, "LOOK", 0.0)
     item = new("body", tube("body", 6, 3))
     character(item)
     modifier = nodes_modifier(item)
@@ -40,8 +39,7 @@ def test_a_changed_input_of_nodes_makes_the_build_ask_for_update(small_shot, mon
 
 
 def test_an_animated_input_of_nodes_is_no_edit(small_shot, monkeypatch):
-    monkeypatch.setattr(staleness, "LOOK", 0.0)
-    monkeypatch.setattr(cast_provenance, "PAUSE", 0.0)
+    monkeypatch.setattr(sidebar_answers, "LOOK", 0.0)
     item = new("body", tube("body", 6, 3))
     character(item)
     modifier = nodes_modifier(item)

@@ -6,6 +6,7 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.sources.edited import Edited
+from crowd_lod_extension.operators.blender import sidebar_answers
 from crowd_lod_extension.operators.render_setup import staleness
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 
@@ -79,7 +80,7 @@ def shown(scene):
 
 @pytest.mark.parametrize("make", ["build", "bake"])
 def test_the_build_shows_edited_agents_where_they_are_put(built, make, monkeypatch):
-    monkeypatch.setattr(staleness, "LOOK", 0.0)
+    monkeypatch.setattr(sidebar_answers, "LOOK", 0.0)
     built.frame_start = 1
     built.frame_end = 3
     frame = frame_at(built, 2)

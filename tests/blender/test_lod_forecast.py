@@ -3,7 +3,7 @@
 import bpy
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.characters import cast_provenance
+from crowd_lod_extension.operators.blender import sidebar_answers
 from crowd_lod_extension.operators.lod_meshes.made_for import CHOSEN_FROM, MADE_FOR, forecast
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.render_setup import render_setup, staleness
@@ -129,8 +129,7 @@ def test_lods_with_a_spoilt_note_are_told_of_without_an_error(levelled, spoilt):
 def test_lods_of_characters_that_were_edited_are_to_be_made_again_and_those_that_only_move_are_not(
     scene, monkeypatch
 ):
-    monkeypatch.setattr(cast_provenance, "PAUSE", 0.0)
-    monkeypatch.setattr(staleness, "LOOK", 0.0)
+    monkeypatch.setattr(sidebar_answers, "LOOK", 0.0)
     settings = scene.crowd_lod
     settings.level_count = 2
     settings.count = 20

@@ -10,6 +10,7 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.reporting.output_index import Entry, add_to_index, read_index
+from crowd_lod_extension.operators.blender import sidebar_answers
 from crowd_lod_extension.operators.blender.output_folders import full_path, output_folder
 from crowd_lod_extension.operators.render_setup import staleness
 from crowd_lod_extension.operators.runs.open_report import report_path
@@ -257,7 +258,7 @@ def test_the_index_tells_what_was_made_when_and_for_which_file(tmp_path):
 def test_a_plan_that_is_copied_or_made_again_alike_leaves_the_build_as_it_is(
     scene, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(staleness, "LOOK", 0.0)
+    monkeypatch.setattr(sidebar_answers, "LOOK", 0.0)
     settings = small(scene)
     save(tmp_path / "people.blend")
     path = plan(scene)

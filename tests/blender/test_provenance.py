@@ -6,7 +6,7 @@ import time
 
 import bpy
 import pytest
-from crowd_lod_extension.operators.blender import provenance
+from crowd_lod_extension.operators.blender import provenance, sidebar_answers
 from crowd_lod_extension.operators.characters import cast_provenance
 from crowd_lod_extension.operators.characters.cast_provenance import cast_inputs
 from crowd_lod_extension.operators.cli import commands
@@ -17,8 +17,7 @@ from crowd_lod_extension.operators.scene.scene_crowd import frame_of
 
 @pytest.fixture(autouse=True)
 def at_once(monkeypatch):
-    monkeypatch.setattr(cast_provenance, "PAUSE", 0.0)
-    monkeypatch.setattr(staleness, "LOOK", 0.0)
+    monkeypatch.setattr(sidebar_answers, "LOOK", 0.0)
 
 
 def level(scene, k, group="adult"):

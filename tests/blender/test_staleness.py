@@ -4,15 +4,13 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
-from crowd_lod_extension.operators.blender import image_data
-from crowd_lod_extension.operators.characters import cast_provenance
+from crowd_lod_extension.operators.blender import image_data, sidebar_answers
 from crowd_lod_extension.operators.render_setup import staleness
 
 
 @pytest.fixture(autouse=True)
 def at_once(monkeypatch):
-    monkeypatch.setattr(staleness, "LOOK", 0.0)
-    monkeypatch.setattr(cast_provenance, "PAUSE", 0.0)
+    monkeypatch.setattr(sidebar_answers, "LOOK", 0.0)
 
 
 def paint(scene):

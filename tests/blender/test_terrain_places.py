@@ -8,7 +8,7 @@ from math import radians
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.operators.blender import kept_meshes
+from crowd_lod_extension.operators.blender import kept_meshes, sidebar_answers
 from crowd_lod_extension.operators.scene import scene_crowd
 from crowd_lod_extension.operators.sources import crowd_sources
 from mathutils import Vector
@@ -22,7 +22,7 @@ SIT = (
 
 @pytest.fixture(autouse=True)
 def at_once(monkeypatch):
-    monkeypatch.setattr(crowd_sources, "LOOK", 0.0)
+    monkeypatch.setattr(sidebar_answers, "LOOK", 0.0)
 
 
 def add(scene, name, points, faces=(), edges=()):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import Action, Group, populate
-from crowd_lod_extension.crowd_lod.crowd.leave_outs import NO_FADES, NOTHING
+from crowd_lod_extension.crowd_lod.crowd.leave_outs import NOTHING
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
 from crowd_lod_extension.crowd_lod.crowd.paces import mixed_in, step_name
 from crowd_lod_extension.crowd_lod.errors import CrowdError
@@ -133,24 +133,13 @@ def test_the_way_there_changes_nothing():
     assert (trajectory.at(40).faded < 1).any() and same(onward.at(90), ahead[0])
 
 
-def test_a_crowd_of_which_nobody_fades_has_no_columns_for_it():
+def test_a_crowd_without_fades_has_no_columns_for_it():
     plain = {
         name: {key: value for key, value in state.items() if key != "fade"}
         for name, state in STATES.items()
     }
-    unreached = {
-        "walk": {"start": 1, "fade": 0.3, "on": {"*": {"move": [1.0, 0.0]}}},
-        "wait": STATES["wait"] | {"after": 1, "then": "walk"},
-    }
-    for trajectory in (walk(plain), walk(unreached)):
-        crowd = trajectory.at(50)
-        assert crowd.played is None and crowd.faded is None
-    assert (
-        NO_FADES in walk(unreached).left_out and NO_FADES not in walk(plain).left_out
-    )  # where there are none to leave out
-    full = walk(unreached).full
-    assert full.at(50).played is not None and same(walk(unreached).at(50), full.at(50))
-    assert NO_FADES not in walk().left_out
+    crowd = walk(plain).at(50)
+    assert crowd.played is None and crowd.faded is None
 
 
 def test_crowds_with_and_without_cross_fades_are_one():

@@ -101,8 +101,8 @@ def test_a_camera_that_moves_sees_nobody_who_is_hidden():
             for t in np.linspace(0, 1, 4)
         ]
         centers = random.uniform((-25, 4, -15), (25, 40, 15), (300, 3))
-        film = OcclusionMap(scenery, way[0], way[-1:])
-        back = OcclusionMap(scenery, way[-1], way[:1])
+        film = OcclusionMap(scenery, way[0], way[-1])
+        back = OcclusionMap(scenery, way[-1], way[0])
         hidden = [each.hides(each.rectangles(centers, np.full(300, 0.5))) for each in (film, back)]
         hidden_indices = np.flatnonzero(hidden[0] | hidden[1])
         hidden_agents += len(hidden_indices)
@@ -112,15 +112,35 @@ def test_a_camera_that_moves_sees_nobody_who_is_hidden():
     assert hidden_agents > 20
 
 
+def test_a_pan_loses_of_a_wall_only_what_its_ends_pass():
+    wall = box_mesh((-6, 10, -5), (6, 11, 9))
+    pan = [looking((0, 0, 1.7), np.pi / 2 + turn) for turn in (-0.1, 0.1)]
+    film = OcclusionMap(wall, *pan)
+    aside = np.linspace(-0.3, 0.3, 7)  # the ends stand at 0.54 rad
+    crowd = np.column_stack([30 * np.sin(aside), 30 * np.cos(aside), np.full(7, 1.7)])
+    assert film.hides(film.rectangles(crowd, np.full(7, 0.9))).all()
+
+
 def test_ground_hides_what_is_below_it():
     """It reaches from the camera's feet, where its corners move most, to the horizon."""
     corners = [(-300, -300, 0), (300, -300, 0), (300, 300, 0), (-300, 300, 0)]
     ground = mesh(corners, [(0, 1, 2), (0, 2, 3)])
     below = np.array([(2.0, y, -0.5 - 0.1 * y) for y in (20, 40, 80)])
     way = [looking((0, y, 1.7), np.pi / 2) for y in (0.0, 0.1)]
-    for neighbors in ([], way[1:]):
-        film = OcclusionMap(ground, way[0], neighbors)
+    for cameras in (way[:1], way):
+        film = OcclusionMap(ground, *cameras)
         assert film.hides(film.rectangles(below, np.full(3, 0.4))).all()
+
+
+def test_steps_behind_a_wall_of_the_same_mesh_do_not_spoil_it():
+    """Of a stand seen from behind, the wall hides the lower steps, which face the eye as well."""
+    steps = [(0, 0), (0, 0.5), (2, 0.5), (2, 1), (4, 1), (4, 7), (6, 7), (6, 0)]  # y and z
+    corners = [(x, y, z) for y, z in steps for x in (40, -40)]
+    triangles = [(2 * k + a, 2 * k + b, 2 * k + c) for k in range(7) for a, b, c in FACES[:2]]
+    stand = mesh(corners, triangles)
+    film = OcclusionMap(stand, looking((0, 30, 1.7), -np.pi / 2))
+    crowd = np.array([(x, y, 0.9) for x in (-9, 0, 9) for y in (-1, -6, -20)])
+    assert film.hides(film.rectangles(crowd, np.full(9, 0.85))).all()
 
 
 def test_a_box_has_no_border_and_a_flipped_face_has_one():
@@ -156,10 +176,10 @@ def test_scenery_behind_scenery_adds_nothing_to_a_map(monkeypatch):
     random = np.random.default_rng(5)
     houses = join_occluders([box_mesh(*box) for box in street(random, 3)])
     camera = looking([0.8, -40, 1.7], np.pi / 2 - 0.1)
-    quick = depth_map.map_depths(houses, camera)
+    quick = depth_map.map_depths(houses, [camera])
     monkeypatch.setattr(depth_map, "LARGEST", len(houses.points))
     assert np.isfinite(quick).mean() > 0.5
-    np.testing.assert_array_equal(quick, depth_map.map_depths(houses, camera))
+    np.testing.assert_array_equal(quick, depth_map.map_depths(houses, [camera]))
 
 
 def test_minima_of_rectangles():

@@ -6,7 +6,6 @@ from crowd_lod_extension.crowd_lod.behavior import step as step_
 from crowd_lod_extension.crowd_lod.behavior import tabulated_step
 from crowd_lod_extension.crowd_lod.behavior.plain_step import advance
 from crowd_lod_extension.crowd_lod.behavior.step import Steps, step
-from crowd_lod_extension.crowd_lod.crowd import leave_outs
 from crowd_lod_extension.crowd_lod.crowd.agents import populate
 from crowd_lod_extension.crowd_lod.crowd.maps import LabelMap
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset, preset_names
@@ -43,15 +42,13 @@ def test_a_step_is_the_plain_one_to_the_bit(machine, world, seed, strewn, second
 
 @pytest.mark.parametrize("name", preset_names())
 @pytest.mark.parametrize("alike", [False, True])
-def test_presets_step_plainly_with_a_map_of_one_label_not_looked_up(name, alike):
+def test_presets_step_plainly_on_one_label_and_on_many(name, alike):
     machine = load_preset(name)
     labels = np.random.default_rng(1).integers(len(machine.labels), size=(23, 17), dtype=np.uint8)
     labels[:5] = np.flatnonzero(machine.spawn)[0]
     world = LabelMap(labels[:5] if alike else labels, AREA)
     crowd = populate(1000, 1, 3, machine, world)
-    leave = leave_outs.needless(crowd, machine, world)
-    assert (leave_outs.ONE_LABEL in leave) == (alike and leave_outs.STILL not in leave)
-    steps = Steps(machine, world, leave=leave)
+    steps = Steps(machine, world)
     for _ in range(3):
         plain, _ = advance(crowd, machine, world, 0.2)
         crowd = steps.after(crowd, 0.2)
@@ -63,9 +60,7 @@ def test_most_agents_step_within_cells_and_columns_that_stay_are_shared():
     world = ground()
     crowd = populate(1000, 1, 1, machine, world)
     tables = tabulated_step.Tables(machine, 1 / 24)
-    moved, others = tabulated_step.step_within_cells(
-        crowd, machine, world, tables, leave_outs.NOTHING
-    )
+    moved, others = tabulated_step.step_within_cells(crowd, machine, world, tables)
     assert len(others) < 50
     assert moved.state is crowd.state and moved.key is crowd.key and moved.wait is crowd.wait
     assert (moved.x != crowd.x).all() and moved.x is not crowd.x

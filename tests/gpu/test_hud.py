@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.crowd.leave_outs import NO_HEIGHTS, STATIC
+from crowd_lod_extension.crowd_lod.crowd.leave_outs import STATIC, STILL
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
 from crowd_lod_extension.crowd_lod.frame.agent_under_cursor import Account
 from crowd_lod_extension.crowd_lod.frame.reasons import REASONS
@@ -40,7 +40,7 @@ def test_lines_tell_all_figures_of_the_frame():
         frame, vertices=1_234_567, full_vertices=12_345_678, triangles=20_000, full_triangles=50_000
     )
     frame = replace(
-        frame, milliseconds=dict.fromkeys(frame.milliseconds, 1.5), left_out=(STATIC, NO_HEIGHTS)
+        frame, milliseconds=dict.fromkeys(frame.milliseconds, 1.5), left_out=(STATIC, STILL)
     )  # these are in a popover
     said = texts(hud.figures(frame, by_level(frame), worst=0.4321))
     assert said[:4] == ["6 agents, 4 visible, 33.3% culled", "LOD 0  2", "LOD 1  1", "LOD 2  1"]
