@@ -87,7 +87,7 @@ def figures(
     if account is not None:
         lines.append(
             Line(
-                ", ".join(f"{name} {value}" for name, value in describe(account)),
+                ", ".join(f"{name}: {value}" for name, value in describe(account)),
                 colors.of_agent(account.agent, account.visible),
             )
         )

@@ -28,13 +28,6 @@ class CROWDLOD_PT_plan(Step, bpy.types.Panel):
     main = ("crowd_lod.plan_shot", "Plan")
 
     def body(self, context, layout, settings) -> None:
-        layout.prop(settings, "own_frames")
-        column = active_column(layout, settings.own_frames and not settings.frames).column(
-            align=True
-        )
-        frames = settings if settings.own_frames else context.scene
-        column.prop(frames, "frame_start")
-        column.prop(frames, "frame_end")
         wide(layout, settings, "avoid_percent")
         _with_report(
             layout, "crowd_lod.plan_shot", "TIME", "PLAN", steps.next_operator(context.scene)
@@ -152,10 +145,17 @@ class CROWDLOD_PT_plan_advanced(Step, bpy.types.Panel):
 
 
 class CROWDLOD_PT_plan_output(Step, bpy.types.Panel):
-    bl_label = "Output"
+    bl_label = "Frames and Output"
     bl_parent_id = "CROWDLOD_PT_plan"
 
     def body(self, context, layout, settings) -> None:
+        layout.prop(settings, "own_frames")
+        column = active_column(layout, settings.own_frames and not settings.frames).column(
+            align=True
+        )
+        frames = settings if settings.own_frames else context.scene
+        column.prop(frames, "frame_start")
+        column.prop(frames, "frame_end")
         layout.prop(settings, "frames")
         row = layout.row(align=True)
         row.prop(settings, "output_folder")

@@ -57,8 +57,8 @@ def test_lines_of_lods_bear_their_tints_and_an_agent_that_of_its_own():
     (agent,) = (line for line in said if line.text.startswith("Agent"))
     assert agent.color == pytest.approx(TINTS[2])
     assert agent.text == (
-        "Agent 3, Group child, State walk left, Shown far away, LOD 2, Depth 30 m, Size 12.5 "
-        "pixels, LOD error 0.41 pixels"
+        "Agent: 3, Group: child, State: walk left, Shown: far away, LOD: 2, Depth: 30 m, "
+        "Size: 12.5 pixels, LOD error: 0.41 pixels"
     )
 
 
