@@ -33,8 +33,10 @@ def agents_row(agents: Sequence[dict], tolerance: float | None) -> dict[str, Any
 
 
 def worst_agents(agents: Sequence[dict]) -> list[int]:
-    """Return the places of the MOST_SHOWN agents whose silhouettes shift most, the worst first."""
-    order = sorted(range(len(agents)), key=lambda k: -agents[k]["shift_px"])
+    """Return the places of the MOST_SHOWN worst agents: those that are wrong, then by shift."""
+    order = sorted(
+        range(len(agents)), key=lambda k: (agents[k]["ok"] is not False, -agents[k]["shift_px"])
+    )
     return order[:MOST_SHOWN]
 
 

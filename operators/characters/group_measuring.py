@@ -103,7 +103,7 @@ def _measuring_group(
         bounding = aside(lambda: bounds(first_name, stand, *(act.poses for act in acts)))
         center, radius, girth = yield from standing(bounding, 1.0)
     first = performance.parts[0]
-    fps = scene.render.fps / scene.render.fps_base
+    fps = scene_data.frame_rate(scene)
     group = Group(
         name,
         center,

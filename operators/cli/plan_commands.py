@@ -1,7 +1,6 @@
 """The commands plan, explain and compare."""
 
 from collections.abc import Generator
-from dataclasses import replace
 from pathlib import Path
 
 from ...crowd_lod.format import printable
@@ -9,7 +8,6 @@ from ...crowd_lod.progress import share
 from ...crowd_lod.reporting import files, plan_comparison
 from ...crowd_lod.shot import plan_file
 from ..shot import shot_plan
-from ..shot.shot_survey import forget_parts
 from ..sources.record_points import with_record
 from .explain import explain
 from .options import (
@@ -92,10 +90,7 @@ def plan_shot(args) -> dict:
     settings = scene.crowd_lod
     stem = stem_of(args)
     folder = files.absolute(args.out or Path(f"{stem}_plan"))
-    request = replace(
-        shot_plan.wanted_of(scene, folder, frames_of_shot(args, scene)),
-        keeps=True,
-    )
+    request = shot_plan.wanted_of(scene, folder, frames_of_shot(args, scene))
     with files.staged(folder) as part:
 
         def work() -> Generator[float, None, tuple[shot_plan.PlannedShot, dict]]:
@@ -105,7 +100,6 @@ def plan_shot(args) -> dict:
 
         steps = with_record(scene, request.frames, work)
         planned, content = finish(steps, f"plan of {stem}", args.quiet)
-    forget_parts(folder)
     if args.scene is None:  # the open file goes on with it
         settings.shot_plan = str(folder / plan_file.NAME)
         settings.use_shot_plan = True

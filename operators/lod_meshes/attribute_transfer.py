@@ -154,11 +154,9 @@ def _carry_normals(
     """Normals (3 m, 3) of the LOD's corners; normals: (loops, 3), of the source's corners."""
     if len(result.triangles) <= FEW:
         return _shading(source, result, places.chart, normals)
-    corners = source.geometry[2]
     # one a vertex, but on the two sides of a sharp edge
     at_corner, inwards = (
-        _mix(place.weights, normals[corners[place.triangle]])
-        for place in (places.corner, places.inner)
+        _normals_at(place, source, result, normals) for place in (places.corner, places.inner)
     )
     is_sharp = np.linalg.norm(at_corner - inwards, axis=1, keepdims=True) > SHARP
     return np.where(is_sharp, inwards, at_corner)
@@ -169,6 +167,26 @@ def _mix(weights: np.ndarray, values: np.ndarray) -> np.ndarray:
     return np.einsum("nk,nkd->nd", weights, values)
 
 
+def _normals_at(place: Place, source: Source, result: LodMesh, normals: np.ndarray) -> np.ndarray:
+    """The source's normals (k m, 3) at `place`, k places in each of the LOD's m triangles.
+
+    They point to the side that the LOD's triangle faces: where that lies nearer to the lining of a
+    coat than to the coat, the lining's normals are turned round.
+    normals: (loops, 3) of the source's corners.
+    """
+    points, triangles, corners, _ = source.geometry
+    values = _mix(place.weights, normals[corners[place.triangle]])
+    facing = _across(result.points[result.triangles])
+    facing = facing.repeat(len(values) // len(facing), axis=0)
+    met = _across(points[triangles[place.triangle]])
+    return np.where(np.einsum("nd,nd->n", facing, met)[:, None] < 0, -values, values)
+
+
+def _across(corners: np.ndarray) -> np.ndarray:
+    """Return vectors (m, 3) across triangles with `corners` (m, 3, 3), to their front."""
+    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+
+
 def _shading(source: Source, result: LodMesh, chart: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """Normals of the LOD's corners (3 m, 3), fitted to all of each triangle.
 
@@ -176,10 +194,9 @@ def _shading(source: Source, result: LodMesh, chart: np.ndarray, normals: np.nda
     vertex that are alike become one.
     chart: (m,) of its triangles; normals: (loops, 3) of the source's corners.
     """
-    _, triangles, corners, _ = source.geometry
     at = np.einsum("sk,mkd->msd", SPREAD, result.points[result.triangles])
     place, _ = locate(source, chart.repeat(len(SPREAD)), at.reshape(-1, 3))
-    sampled = _mix(place.weights, normals[corners[place.triangle]]).reshape(at.shape)
+    sampled = _normals_at(place, source, result, normals).reshape(at.shape)
     fitted = unit(np.einsum("ks,msd->mkd", np.linalg.pinv(SPREAD), sampled).reshape(-1, 3))
     vertex = result.triangles.ravel()
     shared = unit(np.stack([np.bincount(vertex, x) for x in fitted.T], axis=1))[vertex]

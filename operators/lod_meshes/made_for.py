@@ -19,9 +19,10 @@ from ...crowd_lod.frame.frame_range import spread_evenly
 from ...crowd_lod.levels.cost_model import Holdings
 from ...crowd_lod.levels.lengths import DARKER, NEAR_ENOUGH, allowed_lengths, read_curve
 from ...crowd_lod.levels.selection import GroupShot, View
-from ..blender import provenance, scene_cache, scene_data
+from ..blender import provenance, scene_data
 from ..blender.cameras import read_cameras
 from ..blender.machine_costs import costs_of
+from ..blender.sidebar_answers import hold
 from ..characters.cast_provenance import cast_inputs, of_characters
 from ..characters.stored_groups import count_of
 from ..machine.scene_world import actions_named
@@ -38,7 +39,6 @@ MADE_FOR = "crowd_lod_made_for"
 CHOSEN_FROM = "crowd_lod_chosen_from"
 # changes after which there are other candidates than those that LODs were chosen from
 UNFORESEEN = {"actions", "decimation", "character groups"}
-_known: dict[int, tuple[tuple, "Forecast | None"]] = scene_cache.add_cache({}, by_scene=True)
 
 
 @dataclass(frozen=True)
@@ -260,14 +260,21 @@ def to_make_again(scene: bpy.types.Scene) -> str:
     return ""
 
 
+def _forecast_inputs(scene: bpy.types.Scene) -> tuple:
+    settings = scene.crowd_lod
+    stored = settings.levels.get(CHOSEN_FROM) if settings.levels is not None else None
+    return stored, _facts(scene), _scale(scene), settings.shading_counts, provenance.changes
+
+
+@hold(_forecast_inputs)
 def forecast(scene: bpy.types.Scene) -> Forecast | None:
     """Return about what making LODs anew would change; None if that is not known.
 
-    It rests on the agents that the shot showed when the LODs were made: agents that another lens
-    leaves out, or brings in, do not count. No LOD is made or measured, and the answer is kept until
-    something changes. It is not known with a limit of memory or a budget, for to try tolerances
-    until LODs fit takes seconds; by ratio; with LODs that artists gave; and where the candidates
-    themselves would be others (UNFORESEEN).
+    It rests on the agents that the shot showed when the LODs were made: agents that another
+    lens leaves out, or brings in, do not count. No LOD is made or measured. It is not known
+    with a limit of memory or a budget, for to try tolerances until LODs fit takes seconds; by
+    ratio; with LODs that artists gave; and where the candidates themselves would be others
+    (UNFORESEEN).
     """
     settings = scene.crowd_lod
     stored = settings.levels.get(CHOSEN_FROM) if settings.levels is not None else None
@@ -278,23 +285,10 @@ def forecast(scene: bpy.types.Scene) -> Forecast | None:
     news = changed(scene)
     if not news or UNFORESEEN & set(news) or edited(scene):
         return None
-    key = stored, json.dumps(_facts(scene)), json.dumps(_scale(scene)), settings.shading_counts
-    remembered = _known.get(scene.session_uid)
-    if remembered is None or remembered[0] != key:
-        scene_cache.tidy()
-        try:
-            answer = _forecast(scene, json.loads(stored))
-        except (
-            CrowdError,
-            ValueError,
-            KeyError,
-            TypeError,
-            IndexError,
-            zlib.error,
-        ):  # a script may have put anything there
-            answer = None
-        remembered = _known[scene.session_uid] = key, answer
-    return remembered[1]
+    # a script may have put anything there
+    with suppress(CrowdError, ValueError, LookupError, TypeError, zlib.error):
+        return _forecast(scene, json.loads(stored))
+    return None
 
 
 def _forecast(scene: bpy.types.Scene, stored: dict) -> Forecast | None:

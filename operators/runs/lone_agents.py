@@ -223,7 +223,7 @@ def facts_of(
     error = ERROR / finer
     solid = np.minimum(full[..., 3], lod[..., 3]) >= silhouette.SOLID
     colors = (
-        [encoded(each[solid][:, :3].mean(axis=0).clip(0, 1)) for each in (full, lod)]
+        [encoded(each[solid][:, :3].clip(0, 1).mean(axis=0)) for each in (full, lod)]
         if solid.any()
         else [np.zeros(3)] * 2
     )

@@ -15,7 +15,7 @@ import bpy
 from ...crowd_lod.errors import FAULTS, CrowdError
 from ...crowd_lod.errors import sentence as fault_sentence
 from ...crowd_lod.progress import finished, share, standing
-from ..blender import provenance, scene_cache, scene_data, unfinished
+from ..blender import provenance, scene_data, unfinished
 from ..blender.operator import Stepwise
 from ..blender.output_folders import full_path
 from ..blender.sidebar_answers import hold, keep_at_work
@@ -40,7 +40,6 @@ REQUESTED = {
     "blur": "Coarser Where Blurred",
     "budget": "the budget",
 }
-_requested: dict[tuple, dict[str, Any]] = scene_cache.add_cache({})
 
 
 @dataclass(frozen=True)
@@ -110,15 +109,10 @@ def _changes_of_plan(scene: bpy.types.Scene, thorough: bool) -> Generator[float,
 
 def _requested_before(settings) -> dict[str, Any]:
     """Return the settings that the scene's plan was asked for; those of now without plan.json."""
-    key = reference(settings)
-    if key not in _requested:
-        path = full_path(settings.shot_plan).with_name("plan.json")
-        request = None
-        with suppress(OSError, ValueError, LookupError, TypeError):
-            request = dict(json.loads(path.read_text(encoding="utf-8"))["shot"]["asked"])
-        _requested.clear()
-        _requested[key] = request
-    return _requested[key] or requested_of(wanted_of(settings.id_data, key[0].parent, ()))
+    path = full_path(settings.shot_plan).with_name("plan.json")
+    with suppress(OSError, ValueError, LookupError, TypeError):
+        return dict(json.loads(path.read_text(encoding="utf-8"))["shot"]["asked"])
+    return requested_of(wanted_of(settings.id_data, path.parent, ()))
 
 
 def _reason_to_build(scene: bpy.types.Scene, thorough: bool) -> Generator[float, None, str]:

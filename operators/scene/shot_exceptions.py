@@ -28,9 +28,6 @@ from ..sources import hand_edits
 # session_uid of a painted map -> its values, and their digest
 _painted: dict[int, tuple[np.ndarray, str]] = scene_cache.add_cache({})
 
-# Of each scene the last inputs of exceptions_by_number, and its result.
-_numbered: dict[int, tuple] = scene_cache.add_cache({}, by_scene=True)
-
 
 def exemptions_of(
     scene: bpy.types.Scene, trajectory: Trajectory, policy: LevelPolicy, frames: Sequence[int]
@@ -82,7 +79,7 @@ def chosen_exemptions(
                     "paint it elsewhere, or switch the override off."
                 )
             exemptions[index] = Exemption(
-                entry.name, entry.kind, entry.level, agents, _told(entry), *_span(entry)
+                entry.name, entry.kind, entry.level, agents, _describe_agents(entry), *_span(entry)
             )
     return tuple(exemptions[index] for index in range(len(parts)))
 
@@ -92,38 +89,29 @@ def exceptions_by_number(
 ) -> tuple[tuple[Exemption, ...], list[str]]:
     """Return (the exceptions that hold without a shot plan, a sentence for each that is wrong).
 
-    They are those that name their agents by numbers, and do not change the crowd itself. Cached
-    while they stay the same.
+    They are those that name their agents by numbers, and do not change the crowd itself.
     """
     numbered = [
         entry
         for entry in settings.exceptions
         if entry.use and entry.kind in KINDS and entry.chosen_by == "NUMBERS"
     ]
-    entries = [entry for entry in numbered if not hand_edits.edits(entry)]
-    scene = settings.id_data
-    key = (
-        trajectory,
-        policy,
-        tuple((entry.name, entry.all_frames, _marks(entry, str)) for entry in entries),
-    )
-    latest = _numbered.get(scene.session_uid)
-    if latest is None or latest[0] != key:
-        exemptions = []
-        wrong = []
-        names = [group.name for group in trajectory.groups]
-        for entry in entries:
-            try:
-                agents = _whom(entry, trajectory)(0.0, lambda *_: None)
-                exemption = Exemption(
-                    entry.name, entry.kind, entry.level, agents, _told(entry), *_span(entry)
-                )
-                check_level(exemption, policy.count, policy.finest, trajectory.start.group, names)
-                exemptions.append(exemption)
-            except CrowdError as error:
-                wrong.append(str(error))
-        latest = _numbered[scene.session_uid] = key, (tuple(exemptions), wrong)
-    return latest[1]
+    exemptions = []
+    wrong = []
+    names = [group.name for group in trajectory.groups]
+    for entry in numbered:
+        if hand_edits.edits(entry):
+            continue
+        try:
+            agents = _whom(entry, trajectory)(0.0, lambda *_: None)
+            exemption = Exemption(
+                entry.name, entry.kind, entry.level, agents, _describe_agents(entry), *_span(entry)
+            )
+            check_level(exemption, policy.count, policy.finest, trajectory.start.group, names)
+            exemptions.append(exemption)
+        except CrowdError as error:
+            wrong.append(str(error))
+    return tuple(exemptions), wrong
 
 
 def find_agents(
@@ -293,5 +281,5 @@ def _place(entry) -> str:
     )
 
 
-def _told(entry) -> str:
+def _describe_agents(entry) -> str:
     return f"agents {entry.agents.strip()}" if entry.chosen_by == "NUMBERS" else _place(entry)

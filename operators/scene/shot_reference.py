@@ -34,7 +34,6 @@ from .shot_exceptions import digest_of, exceptions_by_number
 
 # Plans by path, time of change and size.
 _stored: dict[tuple, StoredPlan] = scene_cache.add_cache({})
-_contents: dict[tuple, str] = scene_cache.add_cache({})  # digests of plans, by the same key
 _crowds: WeakKeyDictionary[Trajectory, dict[str, str]] = WeakKeyDictionary()
 CAMERA = "the camera"
 MESHES = "the LOD meshes"
@@ -96,13 +95,8 @@ def content_of(settings) -> str:
     key = reference(settings)
     if len(key) < 2:
         return ""
-    if key not in _contents:
-        sums = read_checksums(key[0])
-        _contents.clear()
-        _contents[key] = text_digest(
-            *sorted((name, sums[name]) for name in sums if name not in ABOUT)
-        )
-    return _contents[key]
+    sums = read_checksums(key[0])
+    return text_digest(*sorted((name, sums[name]) for name in sums if name not in ABOUT))
 
 
 def stored_plan(settings) -> StoredPlan | None:

@@ -17,10 +17,10 @@ from ...crowd_lod.levels.assignment import deviations
 from ...crowd_lod.levels.budget_fit import Budget
 from ...crowd_lod.progress import aside, share, standing, steps_aside
 from ...crowd_lod.reporting import files, tables
+from ...crowd_lod.reporting.png_file import save_png
 from ...crowd_lod.reporting.shot_json import shot_facts
 from ...crowd_lod.reporting.shot_page import shot_page
 from ...crowd_lod.reporting.shot_report import ShotReport
-from ...crowd_lod.reporting.switch_figures import png_of
 from ...crowd_lod.shot import plan_file
 from ...crowd_lod.shot.budget import BudgetPlan, decide_within
 from ...crowd_lod.shot.budget_points import BudgetPoint, budget_sentence, find_points, fitting_point
@@ -57,7 +57,7 @@ from ..settings.budgets import budget_of, possible_budgets
 from ..sources.crowd_sources import check_recorded
 from .planned_cameras import note_cameras
 from .scene_json import scene_json
-from .shot_survey import SurveyedShot, survey_of
+from .shot_survey import SurveyedShot, measured_groups, survey_of
 from .switch_crops import crops_of
 
 # the progress at which each stage ends
@@ -77,14 +77,12 @@ class PlanRequest:
     budget: what each frame may take.
     variety: the part of close neighbors that may be in step.
     blurred: whether LODs may be as many pixels coarser as their agents are blurred wide.
-    keeps: whether the folder keeps the survey so far, for the run after one that is killed.
     """
 
     frames: Sequence[int]
     folder: Path
     avoid: float = 0.05
     budget: Budget = Budget()
-    keeps: bool = False
     blurred: bool = False
     variety: float = VARIETY
 
@@ -118,17 +116,16 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
     trajectory = trajectory_of(scene)
     policy = policy_of(scene.crowd_lod)
     exemptions = exemptions_of(scene, trajectory, policy, request.frames)
+    groups = measured_groups(scene)
     through = yield from share(
-        survey_of(
-            scene, request.frames, request.folder if request.keeps else None, request.blurred
-        ),
+        survey_of(scene, request.frames, request.blurred),
         READY,
         SURVEYED,
     )
     planning = partial(
         plan_phases,
         through.survey,
-        strides_of(trajectory.groups, trajectory.gaits),
+        strides_of(groups, trajectory.gaits),
         policy.tolerance,
         request.variety,
         trajectory.given_phases,
@@ -168,7 +165,7 @@ def _shot_of(scene: bpy.types.Scene, survey: Survey) -> Generator[float, None, S
     is_used[survey.character[survey.is_seen]] = True
     return Shot(
         survey,
-        meshes_of(trajectory.groups, policy_of(scene.crowd_lod).count),
+        meshes_of(measured_groups(scene), policy_of(scene.crowd_lod).count),
         costs_of(scene),
         cast.baked(survey.numbers, trajectory, library, is_used),
         cast.moved_as,
@@ -180,7 +177,8 @@ def _report_on(
 ) -> Generator[float, None, ShotReport]:
     """Find what there is to tell of the plan: yield the progress, return the report."""
     trajectory = trajectory_of(scene)
-    noticing = aside(lambda: noticed(shot, plan.levels, trajectory.spheres.radius))
+    radius = scene_data.meters(scene) * trajectory.spheres.radius
+    noticing = aside(lambda: noticed(shot, plan.levels, radius))
     changes = yield from standing(noticing, 0.0)
     eyes = [camera_of(numbers) for numbers in through.cameras[:, 0]]
     curve = steps_aside(curve_of(shot, plan, policy_of(scene.crowd_lod).tolerance))
@@ -236,7 +234,8 @@ def write_plan(
     )
     for crop in planned.report.crops[:1]:
         if crop is not None:
-            (folder / "worst.png").write_bytes(png_of(np.concatenate(crop, axis=1)))
+            pixels = np.rint(255 * np.concatenate(crop, axis=1)).astype(np.uint8)
+            save_png(folder / "worst.png", pixels)
     page = yield from standing(aside(lambda: shot_page(planned.report)), 1.0)
     (folder / "report.html").write_text(page, encoding="utf-8")
     return content

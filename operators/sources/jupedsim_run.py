@@ -6,7 +6,6 @@ JuPedSim brings Shapely, which does the geometry here. Both are imported when a 
 import sys
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
-from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from math import ceil, sqrt
@@ -96,7 +95,6 @@ def simulate(request: SimulationRequest, path: Path) -> Generator[float, None, i
         writer.close()
 
 
-@cache
 def has_jupedsim() -> bool:
     """Return whether JuPedSim is installed where this Blender finds it."""
     return find_spec("jupedsim") is not None
@@ -180,9 +178,8 @@ def _solid(request: SimulationRequest) -> Any:
     shapely = _module("shapely")
     area = request.world.area
     middle = (area.x_min + area.x_max) / 2, (area.y_min + area.y_max) / 2
-    lines = shapely.union_all(
-        shapely.linestrings(request.obstacles - middle)
-    )  # cut where they cross
+    # cut where they cross
+    lines = shapely.union_all(shapely.linestrings(request.obstacles - middle))
     closed = shapely.get_parts(shapely.polygonize([lines]))
     return shapely.union_all([*closed, lines.buffer(0.01, cap_style="square", join_style="mitre")])
 

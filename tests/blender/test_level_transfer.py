@@ -1,10 +1,20 @@
 """What LOD meshes take from their sources, each against what is known of a made-up source."""
 
+import bmesh
 import bpy
 import numpy as np
 import pytest
+from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.crowd_lod.simplification.decimate import LodMesh
+from crowd_lod_extension.operators.blender import mesh_data
 from crowd_lod_extension.operators.lod_meshes import methods
+from crowd_lod_extension.operators.lod_meshes.attribute_transfer import (
+    dress,
+    nearest_vertices,
+    set_normals,
+)
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from crowd_lod_extension.operators.lod_meshes.source_mesh import read_source
 from mathutils import Matrix, Vector
 
 from ..support.characters import character, new, rig, skin, tube
@@ -82,6 +92,33 @@ def test_uvs_of_every_map_are_right_on_both_sides_of_a_seam_within_one_island(wa
     assert max(open_edges.values()) == 2 and all(
         min(z, 2 - z) < 0.005 for z in heights
     )  # open at its two ends only
+
+
+@pytest.mark.once
+def test_a_lining_does_not_darken_its_coat():
+    """The LOD has eight sides; their middles lie within the lining."""
+    coat = tube("coat", 32, 12, radius=0.2)
+    lining = tube("lining", 32, 12, radius=0.19)
+    lining.flip_normals()
+    cloth = bmesh.new()
+    for sheet in (coat, lining):
+        sheet.uv_layers.remove(sheet.uv_layers[0])
+        cloth.from_mesh(sheet)
+    hem = [edge for edge in cloth.edges if edge.is_boundary and edge.verts[0].co.z < 1]
+    bmesh.ops.bridge_loops(cloth, edges=hem)
+    cloth.to_mesh(coat)
+    coat.shade_smooth()
+    source = read_source(new("coat", coat))
+    coarse = tube("coarse", 8, 2, radius=0.2)
+    points, triangles, *_ = mesh_data.read_triangles(coarse)
+    result = LodMesh(points, triangles, nearest_vertices(source, points))
+    dressed = finished(dress("coat LOD", result, source))
+    set_normals(dressed)
+    assert all(
+        dressed.corner_normals[loop].vector @ polygon.normal > 0.5
+        for polygon in dressed.polygons
+        for loop in polygon.loop_indices
+    )
 
 
 @pytest.mark.once

@@ -209,26 +209,6 @@ def test_a_spoilt_plan_is_said_in_a_sentence(zoomed, tmp_path, what):
     assert not frame.planned and words in frame.unplanned and "\n" not in frame.unplanned
 
 
-def test_a_killed_run_goes_on_and_gives_the_same(zoomed, tmp_path, monkeypatch):
-    whole = finished(shot_survey.survey_of(zoomed, FRAMES))
-    monkeypatch.setattr(shot_survey, "EVERY", 0.0)
-    steps = shot_survey.survey_of(zoomed, FRAMES, tmp_path)
-    while next(steps) < 0.5:
-        pass
-    steps.close()
-    assert list(tmp_path.glob(".crowd-lod-survey-*"))
-    again = shot_survey.survey_of(zoomed, FRAMES, tmp_path)
-    assert next(again) > 0.3  # it goes on, it does not begin anew
-    again = finished(again)
-    columns = "kind", "coarsest", "scale", "character", "cuts", "rays", "hidden"
-    for name in (*columns, "numbers", "times"):
-        assert np.array_equal(getattr(again.survey, name), getattr(whole.survey, name)), name
-    assert np.array_equal(again.cameras, whole.cameras)
-    assert all(map(np.array_equal, again.survey.entered, whole.survey.entered))
-    zoomed.crowd_lod.seed += 1  # another crowd does not take these parts up
-    assert next(shot_survey.survey_of(zoomed, FRAMES, tmp_path)) < 0.1
-
-
 def test_a_cut_to_another_camera_hides_switches(zoomed):
     other = zoomed.camera.copy()
     other.data = zoomed.camera.data.copy()

@@ -81,3 +81,6 @@ def test_the_worst_agents_are_named_beside_their_picture():
     text = "".join(Reader(verify_page("plaza", RESULT | {"agents": agents})).texts)
     assert "From the top: agent 6 at LOD 2, 0.6 px off; agent 5" in text
     assert "agent 3 at" in text and "agent 2 at" not in text
+    agents[0]["ok"] = False  # by its color
+    text = "".join(Reader(verify_page("plaza", RESULT | {"agents": agents})).texts)
+    assert "From the top: agent 1 at LOD 2" in text
