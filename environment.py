@@ -11,7 +11,6 @@ import hashlib
 import os
 import re
 import shutil
-import signal
 import subprocess
 import sys
 import time
@@ -59,7 +58,6 @@ def main(arguments: list) -> None:
     elif command == "bench":
         run(PYTHON, ROOT / "benchmarks" / "bench.py", *rest)
     else:
-        hold(signal.SIG_BLOCK)  # until these heed it themselves, first thing
         program = (
             [PYTHON, ROOT / "package.py", *rest]
             if command == "package"
@@ -88,7 +86,8 @@ def install() -> None:
     with locked(ROOT / f".venv-{VERSION}.lock"):
         if marked("installed"):  # by another crowd-lod, while this one waited for the lock
             return
-        pip = [PYTHON, "-m", "pip", "install"]
+        # what is imported is compiled then: all of it now takes ten processor seconds
+        pip = [PYTHON, "-m", "pip", "install", "--no-compile"]
         with LOG.open("wb") as log:
             for step in (
                 create,
@@ -166,12 +165,6 @@ def run(*command) -> None:
     os.execv(command[0], command)
 
 
-def hold(how: int) -> None:
-    """Let Ctrl-C wait, or no longer: while Python starts it would be a traceback."""
-    if os.name != "nt":
-        signal.pthread_sigmask(how, {signal.SIGINT})
-
-
 def say(message: str) -> None:
     with suppress(OSError):  # a stderr that is full, or closed
         os.write(2, f"crowd-lod: {message}\n".encode(errors="backslashreplace"))
@@ -179,7 +172,6 @@ def say(message: str) -> None:
 
 if __name__ == "__main__":
     try:
-        hold(signal.SIG_UNBLOCK)
         main(sys.argv[1:])
     except Failure as failure:
         say(f"{failure}.")
@@ -188,6 +180,5 @@ if __name__ == "__main__":
         say(f"cannot make its environment in {ROOT}: {error}.")
         sys.exit(1)
     except KeyboardInterrupt:
-        hold(signal.SIG_BLOCK)
         say("stopped.")
         sys.exit(130)

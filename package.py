@@ -11,7 +11,6 @@ import csv
 import hashlib
 import os
 import re
-import signal
 import subprocess
 import sys
 import tomllib
@@ -53,10 +52,8 @@ def main() -> None:
         archive = stage / f"{manifest['id']}-{manifest['version']}.zip"
         extension_tool("build", "--source-dir", ROOT, "--output-filepath", archive)
         extension_tool("validate", archive)
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # what is left to do takes no time
-    os.write(
-        1, os.fsencode(f"{out / archive.name}\n")
-    )  # at once, and in any encoding: a full stdout is an error here, not at exit
+    # at once, and in any encoding: a full stdout is an error here, not at exit
+    os.write(1, os.fsencode(f"{out / archive.name}\n"))
 
 
 def fetch(names: list[str]) -> None:
@@ -158,10 +155,6 @@ def run(failure: str, *command: str) -> None:
 
 if __name__ == "__main__":
     try:
-        if os.name != "nt":
-            signal.pthread_sigmask(
-                signal.SIG_UNBLOCK, {signal.SIGINT}
-            )  # environment.py holds it back while Python starts
         with own_temporary_folder():  # of pip and Blender's tool
             main()
     except OSError as error:

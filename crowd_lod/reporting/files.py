@@ -281,14 +281,7 @@ def remove_hidden(hidden: Path) -> None:
     renamed = hidden.with_name(f"{hidden.name}-gone")
     with suppress(OSError):
         hidden.rename(renamed)
-        # Blender may still write while Ctrl-C cleans up: a file in its place keeps it from making
-        # the folder again
-        hidden.touch()
-    # Either may be a file: if two runs remove the folder at once, one renames the other's file.
-    for path in (renamed, hidden):
-        shutil.rmtree(path, ignore_errors=True)
-        with suppress(OSError):
-            path.unlink()
+    shutil.rmtree(renamed, ignore_errors=True)
     # Blender adds to the name while it writes
     for part in hidden.parent.glob(f"{hidden.name}.*"):
         with suppress(OSError):

@@ -42,9 +42,6 @@ def heed() -> None:
     threading.Thread(target=_watch, args=(reader, writer, screen), daemon=True).start()
     signal.set_wakeup_fd(writer.fileno(), warn_on_full_buffer=False)
     signal.signal(signal.SIGINT, _ignore)
-    # environment.py blocks the signal while Python starts
-    if hasattr(signal, "pthread_sigmask"):
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
 @contextmanager
@@ -111,16 +108,11 @@ def _watch(reader: socket.socket, writer: socket.socket, screen: int) -> None:
             nowhere = os.open(os.devnull, os.O_WRONLY)
             os.dup2(nowhere, 1)
             os.dup2(nowhere, 2)
-        _clean()
+        for clean in reversed(_unfinished):
+            with suppress(Exception):
+                clean()
         said = f"stopped too late: {_late[0]}" if _late else f"stopped; {left}"
         with suppress(OSError):
             os.write(screen, f"{line}crowd-lod: {said}.\n".encode())
-        _clean()  # Blender, still at work, may have made folders again
     finally:
         os._exit(STOPPED)
-
-
-def _clean() -> None:
-    for clean in reversed(_unfinished):
-        with suppress(Exception):
-            clean()

@@ -1,12 +1,12 @@
 """Pictures of the largest changes of a shot, inside the page that tells of them."""
 
 import base64
-import struct
-import zlib
 from collections.abc import Sequence
 from html import escape
 
 import numpy as np
+
+from .png_file import png_of
 
 SMALLEST = 200  # pixels of a picture's height on the page, at least: smaller ones are enlarged
 STRONGER = 4  # times: the difference, so that it shows
@@ -59,25 +59,9 @@ def _section(title: str, before: np.ndarray, after: np.ndarray) -> str:
 
 
 def data_uri(picture: np.ndarray) -> str:
-    """Return a picture as a PNG inside its own address; see `png_of`."""
-    return "data:image/png;base64," + base64.b64encode(png_of(picture)).decode()
+    """Return a picture as a PNG inside its own address.
 
-
-def png_of(picture: np.ndarray) -> bytes:
-    """Return a picture as a PNG.
-
-    picture: (rows, columns, 3) float64 in [0, 1], bottom row first.
+    picture: (rows, columns, 3) float64 in [0, 1], sRGB, bottom row first.
     """
-    rows, columns = picture.shape[:2]
-    lines = np.zeros((rows, 1 + 3 * columns), np.uint8)  # each begins with its filter: none
-    lines[:, 1:] = np.rint(255 * picture[::-1]).reshape(rows, -1)
-    parts = (
-        (b"IHDR", struct.pack(">IIBBBBB", columns, rows, 8, 2, 0, 0, 0)),
-        (b"IDAT", zlib.compress(lines, 9)),
-        (b"IEND", b""),
-    )
-    chunks = b"".join(
-        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-        for kind, data in parts
-    )
-    return b"\x89PNG\r\n\x1a\n" + chunks
+    png = png_of(np.rint(255 * picture).astype(np.uint8))
+    return "data:image/png;base64," + base64.b64encode(png).decode()

@@ -79,7 +79,7 @@ def tracks_of(rows: Rows, where: str) -> Tracks:
         paces,
         rows.phase is not None,
         None if rows.group is None else columns["group"][enters],
-        _told(rows, len(ids), (float(frame.min()), float(frame.max())), crossed, hidden),
+        _describe_gaps(rows, len(ids), (float(frame.min()), float(frame.max())), crossed, hidden),
     )
 
 
@@ -226,7 +226,7 @@ def _in_classes(
     return np.concatenate(orders), tuple(classes_found)
 
 
-def _told(
+def _describe_gaps(
     rows: Rows, agents: int, frames: tuple[float, float], crossed: int, hidden: np.ndarray
 ) -> str:
     long = int(hidden.sum())

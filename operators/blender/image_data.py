@@ -113,23 +113,6 @@ def fill_image(image: bpy.types.Image, pixels: np.ndarray) -> None:
     image.pack()
 
 
-def save_png(path: Path, pixels: np.ndarray) -> None:
-    """Write a PNG with exactly these values.
-
-    pixels: (rows, columns, 4) uint8, bottom row first.
-    """
-    rows, columns = pixels.shape[:2]
-    image = bpy.data.images.new("Crowd LOD", columns, rows, alpha=True)
-    try:
-        image.pixels.foreach_set((pixels / np.float32(255)).ravel())
-        image.filepath_raw = str(path)
-        image.file_format = "PNG"
-        with check_written(path):
-            image.save()
-    finally:
-        bpy.data.images.remove(image)
-
-
 @contextmanager
 def check_written(path: Path) -> Iterator[None]:
     """Check, after the block, that Blender wrote the file `path` completely.

@@ -99,7 +99,7 @@ def feet_speeds(
     items: the character's objects, the rig among them.
     """
     scene = bpy.context.scene
-    fps = scene.render.fps / scene.render.fps_base
+    fps = scene_data.frame_rate(scene)
     speeds = {}
     for action in actions:
         try:

@@ -18,6 +18,7 @@ from ...crowd_lod.frame.frame_range import frames_are, parse_frames, spread_even
 from ...crowd_lod.reporting import file_checks, files, tables
 from ...crowd_lod.reporting.html_report import STYLE, cards, document, table_of
 from ...crowd_lod.reporting.plan_comparison import MOST_FIGURE
+from ...crowd_lod.reporting.png_file import save_png
 from ..blender import image_data
 from ..hand_over.farm_job import check_file, job_of, job_sentence, write_job
 from .options import add_command, add_out, add_scene
@@ -104,7 +105,7 @@ def assemble_frames(folder: Path, frames: Sequence[int], command: Sequence[str])
             tables.shrink(image_data.load_pixels(pictures[number]), WIDTH)
             for number in spread_evenly(list(frames), MOST_SHOWN)
         ]
-        image_data.save_png(
+        save_png(
             part / "contact_sheet.png",
             tables.contact_sheet(shrunk, columns=4 if len(shrunk) > 3 else len(shrunk)),
         )

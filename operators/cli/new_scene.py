@@ -112,7 +112,7 @@ def new_scene(args) -> dict:
         "frames": [scene.frame_start, scene.frame_end],
         "camera": [round(value, 3) for value in scene.camera.matrix_world.translation],
         "summary": f"{sentence}\n{counted(count, 'frame')} at "
-        f"{scene.render.fps / scene.render.fps_base:g} a second.\n{printable(path)}",
+        f"{scene_data.frame_rate(scene):g} a second.\n{printable(path)}",
     }
 
 

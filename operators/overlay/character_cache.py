@@ -186,6 +186,7 @@ def cache_key(scene: bpy.types.Scene) -> tuple[bytes, Looks]:
     digest = hashlib.sha256()
     appearance = Looks()
     actions_read = set()
+    named_read = set()
     homes = [home for level in scene.crowd_lod.levels.children for home in level.children]
     digest.update(cast_digest(item for home in homes for item in home.all_objects).encode())
     for home in homes:
@@ -213,7 +214,8 @@ def cache_key(scene: bpy.types.Scene) -> tuple[bytes, Looks]:
             points = np.empty(3 * sizes[0], np.float32)
             item.data.vertices.foreach_get("co", points)
             digest.update(points)
-        for player in players_of([*items, *armatures_of(items)]):
+        rigs = armatures_of(items)
+        for player in players_of([*items, *rigs]):
             action = player.action, player.action_slot_handle
             if action not in actions_read:
                 actions_read.add(action)
@@ -224,13 +226,17 @@ def cache_key(scene: bpy.types.Scene) -> tuple[bytes, Looks]:
                     digest.update(b"".join(read_columns(curve.keyframe_points, KEYS)))
         group = home.get(GROUP, home.name)
         names = actions_named(scene, group)
-        if names:
-            digest.update(repr(_named(group, items, names)).encode())
+        movers = group, *rigs, *filter(None, (item.data.shape_keys for item in items))
+        if names and movers not in named_read:  # LODs that the same rigs move play the same
+            named_read.add(movers)
+            digest.update(repr(_digest_actions(group, items, names)).encode())
         digest.update(repr(appearance.ramp).encode())
     return digest.digest(), appearance
 
 
-def _named(group: str, items: list[bpy.types.Object], names: tuple[str, ...]) -> list | str:
+def _digest_actions(
+    group: str, items: list[bpy.types.Object], names: tuple[str, ...]
+) -> list | str:
     """Return a value that changes with the actions `names` of the `group`, or the error's text."""
     try:
         return performance.digest(named_actions.performance_of(group, items, names).parts)

@@ -11,7 +11,8 @@ from ...crowd_lod.progress import aside
 from ...crowd_lod.reporting import files
 from ...crowd_lod.reporting.crowd_picture import draw_marks, project_marks
 from ...crowd_lod.reporting.output_index import CROWD
-from ..blender import frame_stepping, image_data, scene_data
+from ...crowd_lod.reporting.png_file import save_png
+from ..blender import frame_stepping, scene_data
 from ..blender.output_folders import output_folder
 from ..blender.output_index import note_output
 from ..characters.cast_provenance import reading
@@ -31,7 +32,7 @@ def note_with_picture(
     """
     with files.staged(output_folder(scene, part), CROWD) as hidden:
         picture = yield from picture_frame(scene, frames[len(frames) // 2])
-        image_data.save_png(hidden / CROWD, picture)
+        save_png(hidden / CROWD, picture)
     note_output(scene, part, verdict)
 
 

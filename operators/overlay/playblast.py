@@ -13,9 +13,10 @@ import numpy as np
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame import Frame
+from ...crowd_lod.reporting.png_file import save_png
 from ...crowd_lod.reporting.quiet_process import quiet_process
 from ...crowd_lod.sources.trajectory import Trajectory
-from ..blender import console, image_data
+from ..blender import console
 from ..blender.color_space import to_linear
 from ..scene.scene_crowd import policy_of
 from . import character_cache, hud
@@ -244,9 +245,7 @@ class Playblast:
         matrices = camera_matrices(stage.camera, layer.depsgraph, stage.render, self.canvas.size)
         with solid_viewport(stage) as viewport:
             caption = f"Frame {stage.frame_current}  {caption}"
-            image_data.save_png(
-                path, self.canvas.picture(stage, layer, viewport, matrices, batches, caption)
-            )
+            save_png(path, self.canvas.picture(stage, layer, viewport, matrices, batches, caption))
 
 
 def camera_matrices(

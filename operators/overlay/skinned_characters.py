@@ -4,8 +4,9 @@ The arrays are joint frames, skinning weights and looks.
 """
 
 import time as clock
-from collections.abc import Callable, Generator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 
 import bpy
 import numpy as np
@@ -22,7 +23,8 @@ from ..blender.performance import Performance
 MOST_JOINTS = 16384 // 3
 MOST_FRAMES = 500  # of a baked action; a longer one is baked at as many even steps
 MOST_ROWS = 16384  # frames of all actions
-TICK = 0.25  # seconds of baking at a time
+TICK = 0.05  # seconds of baking at a time
+AT_ONCE = 2_000  # vertices whose weights are read at a time: Python takes 10 microseconds for one
 POSES = 5  # at which the baked character is compared with Blender's own
 TOLERANCE = 1e-3  # of the character's diagonal; a larger difference is noted for the user
 
@@ -77,6 +79,50 @@ class _Part:
     bones: tuple[str, ...]
 
 
+@dataclass
+class _Bench:
+    """Where a character is baked, set up anew for each tick.
+
+    stage: a scene with the rigs, and with the copies at rest of the meshes.
+    parts: the mesh objects, those of the finest LOD first.
+    counts: how many of them each LOD has.
+    times: (F,) the baked frames, of one action after the other.
+    rows: of a Character.
+    is_read: whether the meshes at rest were read: from then on only their places count.
+    """
+
+    origin: np.ndarray
+    stage: bpy.types.Scene
+    performance: Performance
+    parts: list[_Part]
+    counts: list[int]
+    times: np.ndarray
+    rows: dict[str, tuple[int, int]]
+    is_read: bool = False
+
+    def go_to(self, index: int) -> bpy.types.Depsgraph:
+        """Show the baked frame of this number."""
+        self.performance.go_to(self.stage, self.times[index])
+        return self.stage.view_layers[0].depsgraph
+
+    def read_places_alone(self) -> None:
+        """Let Blender evaluate no shapes any longer."""
+        self.is_read = True
+        for part in self.parts:
+            part.rest.modifiers.clear()
+
+    @contextmanager
+    def mesh_at_rest(self, number: int) -> Iterator[tuple[bpy.types.Object, bpy.types.Mesh]]:
+        """Yield a part at rest as Blender evaluates it, and its mesh."""
+        depsgraph = self.go_to(0)
+        evaluated = self.parts[number].rest.evaluated_get(depsgraph)
+        mesh = evaluated.to_mesh(preserve_all_data_layers=True, depsgraph=depsgraph)
+        try:
+            yield evaluated, mesh
+        finally:
+            evaluated.to_mesh_clear()
+
+
 def bake_character(
     name: str, find: Callable[[], Sequence[bpy.types.Collection]], actions: Sequence[str] = ()
 ) -> Generator[float, None, Character]:
@@ -91,86 +137,78 @@ def bake_character(
         the origin.
     actions: names that states give, besides the group's own.
     """
-    appearance = Looks()
-    meshes_at_rest = []
-    progress = 0
-    recorder = None
+    bench: _Bench | None = None
     while True:
         homes = find()
         objects = [[item for item in home.all_objects if item.type == "MESH"] for home in homes]
         flat = [item for level in objects for item in level]
         performance = performance_of(name, flat, actions)
-        most = min(MOST_FRAMES, MOST_ROWS // len(performance.spans))
-        times_by_action = [
-            np.linspace(*span, min(int(np.ceil(span[1] - span[0])) + 1, most))
-            for span in performance.spans
-        ]
-        times = np.concatenate(times_by_action)
-        recorder = recorder or _Recorder(np.array(homes[0].instance_offset, np.float64))
         with cleanup.scratch(), performance:
             stage = bpy.data.scenes.new("Crowd LOD joints")
             for rig in armatures_of(flat):
                 stage.collection.objects.link(rig)
             parts = [_part(number, item, stage) for number, item in enumerate(flat)]
-            if not progress:
-                performance.go_to(stage, times[0])
-                meshes_at_rest = [
-                    _read(part, stage.view_layers[0].depsgraph, appearance) for part in parts
-                ]
-            for part in parts:
-                part.rest.modifiers.clear()  # from here on only its place is read
+            if bench is None:
+                times, rows = _baked_times(performance)
+                origin = np.array(homes[0].instance_offset, np.float64)
+                counts = [len(level) for level in objects]
+                bench = _Bench(origin, stage, performance, parts, counts, times, rows)
+                baking = _baking(name, bench)
+            bench.stage, bench.performance, bench.parts = stage, performance, parts
+            if bench.is_read:
+                bench.read_places_alone()
             until = clock.monotonic() + TICK
             while True:
-                performance.go_to(stage, times[progress])
-                recorder.record(parts, stage.view_layers[0].depsgraph)
-                progress += 1
-                if progress == len(times) or clock.monotonic() >= until:
+                try:
+                    progress = next(baking)
+                except StopIteration as end:
+                    return end.value
+                if clock.monotonic() >= until:
                     break
-            if progress == len(times):
-                levels = np.split(
-                    np.arange(len(flat)), np.cumsum([len(level) for level in objects])[:-1]
-                )
-                pieces = [[(parts[i], meshes_at_rest[i]) for i in level] for level in levels]
-                played = stage, performance, times
-                character = _character(name, played, pieces, recorder, appearance)
-                return replace(character, rows=_rows_by_action(performance, times_by_action))
-        yield progress / len(times)
+        yield progress
 
 
-def _rows_by_action(performance, times_by_action: list[np.ndarray]) -> dict[str, tuple[int, int]]:
-    """Return `rows` of a Character."""
-    if len(performance.names) == 1:
-        return {}
-    counts = [len(times) for times in times_by_action]
-    begins = np.cumsum([0, *counts])[:-1].tolist()
-    return dict(zip(performance.names, zip(begins, counts, strict=True), strict=True))
+def _baked_times(performance: Performance) -> tuple[np.ndarray, dict[str, tuple[int, int]]]:
+    """Return (the frames to bake, of one action after the other; `rows` of a Character)."""
+    most = min(MOST_FRAMES, MOST_ROWS // len(performance.spans))
+    times = [
+        np.linspace(*span, min(int(np.ceil(span[1] - span[0])) + 1, most))
+        for span in performance.spans
+    ]
+    rows = {}
+    if len(times) > 1:
+        counts = [len(part) for part in times]
+        begins = np.cumsum([0, *counts])[:-1].tolist()
+        rows = dict(zip(performance.names, zip(begins, counts, strict=True), strict=True))
+    return np.concatenate(times), rows
 
 
-# A stage, the performance on it, and the recorded times in frames.
-Played = tuple[bpy.types.Scene, Performance, np.ndarray]
-
-
-def _character(
-    name: str, played: Played, levels: list[list[tuple]], recorder, appearance: Looks
-) -> Character:
-    """Return the Character of the recorded matrices.
-
-    levels: of each LOD, pairs of a part and the result of `_read`.
-    """
+def _baking(name: str, bench: _Bench) -> Generator[float, None, Character]:
+    """Bake the character on the bench: yield the progress between small steps, return it."""
+    appearance = Looks()
+    meshes_at_rest = []
+    for number in range(len(bench.parts)):
+        meshes_at_rest.append((yield from _reading(bench, number, appearance)))
+    bench.read_places_alone()
+    recorder = _Recorder(bench.origin)
+    for index in range(len(bench.times)):
+        recorder.record(bench.parts, bench.go_to(index))
+        yield (index + 1) / (len(bench.times) + 1)
     joints = _Joints(recorder)
-    meshes = []
-    sources = []
-    for level in levels:
-        pieces = [_piece(part, joints, read) for part, read in level]
-        sources.append([source for source, _ in pieces])
-        meshes.append(merge([mesh for _, mesh in pieces]))
+    pieces = []
+    for part, at_rest in zip(bench.parts, meshes_at_rest, strict=True):
+        pieces.append(_piece(part, joints, at_rest))
+        yield 1.0
     frames = joints.frames()
     if frames.shape[1] > MOST_JOINTS:
         raise CrowdError(
             f"it has {frames.shape[1]:,} joints, counting the bones of all its objects; use at "
             f"most {MOST_JOINTS:,}"
         )
-    off = _compare(played, [part for part, _ in levels[0]], sources[0], frames, recorder.origin)
+    off = yield from _comparing(bench, [source for source, _ in pieces[: bench.counts[0]]], frames)
+    ends = np.cumsum(bench.counts).tolist()
+    levels = [pieces[end - count : end] for end, count in zip(ends, bench.counts, strict=True)]
+    meshes = tuple(merge([mesh for _, mesh in level]) for level in levels)
     points = skin(meshes[0], frames[:1])[0]
     diagonal = float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else 0.0
     color = np.concatenate([mesh.colors for mesh in meshes]).mean(axis=0)
@@ -182,9 +220,8 @@ def _character(
             f"armatures, or more than four bones a vertex): the overlay shows it {how}."
         )
     images = appearance.images()
-    return Character(
-        name, frames, tuple(meshes), images, color, off, sentence, ramp=appearance.ramp
-    )
+    ramp = appearance.ramp
+    return Character(name, frames, meshes, images, color, off, sentence, bench.rows, ramp)
 
 
 def _part(number: int, item: bpy.types.Object, stage: bpy.types.Scene) -> _Part:
@@ -267,31 +304,19 @@ class _Joints:
         return np.ascontiguousarray(np.stack(self.kept, axis=1))
 
 
-def _read(part: _Part, depsgraph: bpy.types.Depsgraph, appearance: Looks) -> tuple:
-    """Return the part at rest: its vertices, and its distinct corners.
+def _reading(bench: _Bench, number: int, appearance: Looks) -> Generator[float, None, tuple]:
+    """Read a part at rest: yield between steps, return its vertices and its distinct corners.
 
     Returns (points (v, 3), weights (v, bones), then of each distinct corner its vertex, normal, uv,
     and look (base color and image layer), then triangles (t, 3) of corner indices, and whether the
     surface is closed).
     """
-    evaluated = part.rest.evaluated_get(depsgraph)
-    mesh = evaluated.to_mesh(preserve_all_data_layers=True, depsgraph=depsgraph)
-    try:
+    with bench.mesh_at_rest(number) as (evaluated, mesh):
         points, triangles, corners, faces = mesh_data.read_triangles(mesh)
         solid = closed(points, triangles)
         if evaluated.matrix_world.is_negative:  # mirrored: keep the front in front
             triangles = triangles[:, ::-1]
             corners = corners[:, ::-1]
-        weights = np.zeros((len(points), len(part.bones)), np.float32)
-        columns = {
-            group.index: part.bones.index(group.name)
-            for group in evaluated.vertex_groups
-            if group.name in part.bones
-        }
-        for vertex in mesh.vertices if columns else ():
-            for entry in vertex.groups:
-                if entry.group in columns:
-                    weights[vertex.index, columns[entry.group]] = entry.weight
         loops = len(mesh.loops)
         normals = np.zeros((loops, 3), np.float32)
         uvs = np.zeros((loops, 2), np.float32)
@@ -301,31 +326,50 @@ def _read(part: _Part, depsgraph: bpy.types.Depsgraph, appearance: Looks) -> tup
             layer.uv.foreach_get("vector", uvs.ravel())
         slots = np.zeros(len(mesh.polygons), np.int32)
         mesh.polygons.foreach_get("material_index", slots)
-        materials = [slot.material for slot in part.item.material_slots] or [None]
+        item = bench.parts[number].item
+        materials = [slot.material for slot in item.material_slots] or [None]
         table = np.array([appearance.of(material) for material in materials], np.float32)
-        look = table[slots[faces].clip(0, len(materials) - 1)].repeat(3, axis=0)
-        loop = corners.ravel()
-        # Only corners with an image keep their uv: others would split vertices for nothing.
-        uvs = np.where(look[:, 3:] < 0, np.float32(0), uvs[loop])
-        rows = np.concatenate(
-            [triangles.reshape(-1, 1), normals[loop].round(4), uvs, look], axis=1, dtype=np.float32
-        )
-        _, distinct, number = np.unique(
-            rows.view(f"V{rows.shape[1] * 4}").ravel(), return_index=True, return_inverse=True
-        )
-        vertices = triangles.ravel()[distinct]
-        return (
-            points,
-            weights,
-            vertices,
-            normals[loop][distinct],
-            uvs[distinct],
-            look[distinct],
-            number.reshape(-1, 3),
-            solid,
-        )
-    finally:
-        evaluated.to_mesh_clear()
+    yield 0.0
+    look = table[slots[faces].clip(0, len(materials) - 1)].repeat(3, axis=0)
+    loop = corners.ravel()
+    # Only corners with an image keep their uv: others would split vertices for nothing.
+    uvs = np.where(look[:, 3:] < 0, np.float32(0), uvs[loop])
+    columns = [triangles.reshape(-1, 1), normals[loop].round(4), uvs, look]
+    rows = np.concatenate(columns, axis=1, dtype=np.float32)
+    _, distinct, corner = np.unique(
+        rows.view(f"V{rows.shape[1] * 4}").ravel(), return_index=True, return_inverse=True
+    )
+    yield 0.0
+    weights = yield from _reading_weights(bench, number, len(points))
+    return (
+        points,
+        weights,
+        triangles.ravel()[distinct],
+        normals[loop][distinct],
+        uvs[distinct],
+        look[distinct],
+        corner.reshape(-1, 3),
+        solid,
+    )
+
+
+def _reading_weights(bench: _Bench, number: int, count: int) -> Generator[float, None, np.ndarray]:
+    """Read the weights of a part's `count` vertices: yield between some, return (count, bones)."""
+    bones = bench.parts[number].bones
+    weights = np.zeros((count, len(bones)), np.float32)
+    for begin in range(0, count if bones else 0, AT_ONCE):
+        with bench.mesh_at_rest(number) as (evaluated, mesh):
+            columns = {
+                group.index: bones.index(group.name)
+                for group in evaluated.vertex_groups
+                if group.name in bones
+            }
+            for vertex in mesh.vertices[begin : min(begin + AT_ONCE, count)]:
+                for entry in vertex.groups:
+                    if entry.group in columns:
+                        weights[vertex.index, columns[entry.group]] = entry.weight
+        yield 0.0
+    return weights
 
 
 def _piece(part: _Part, joints: _Joints, read: tuple) -> tuple[SkinnedMesh, SkinnedMesh]:
@@ -360,29 +404,30 @@ def _piece(part: _Part, joints: _Joints, read: tuple) -> tuple[SkinnedMesh, Skin
     return source, corners
 
 
-def _compare(
-    played: Played, parts: list[_Part], sources: list[SkinnedMesh], frames, origin
-) -> float:
-    """Return the greatest distance of the skinned `sources` from Blender's vertices.
+def _comparing(
+    bench: _Bench, sources: list[SkinnedMesh], frames: np.ndarray
+) -> Generator[float, None, float]:
+    """Compare the skinned `sources`, the parts of LOD 0, with Blender's vertices.
 
-    In meters, over POSES of the moments; inf if vertex counts differ.
+    Yields between POSES of the moments. Returns the greatest distance in meters; inf if vertex
+    counts differ.
     """
-    stage, performance, times = played
-    for part in parts:
-        if part.item.name not in stage.collection.objects:
-            stage.collection.objects.link(part.item)
     worst = 0.0
-    for index in np.unique(np.linspace(0, len(times) - 1, POSES).round().astype(int)):
-        performance.go_to(stage, times[index])
-        depsgraph = stage.view_layers[0].depsgraph
+    last = len(bench.times) - 1
+    for index in np.unique(np.linspace(0, last, POSES).round().astype(int)):
+        parts = bench.parts[: len(sources)]
+        for part in parts:
+            if part.item.name not in bench.stage.collection.objects:
+                bench.stage.collection.objects.link(part.item)
+        depsgraph = bench.go_to(index)
+        posed = pose(frames, np.array([index / max(last, 1)], np.float32))
         for part, source in zip(parts, sources, strict=True):
             if part.item.hide_viewport:
                 continue
-            evaluated = mesh_data.world_points(part.item.evaluated_get(depsgraph)) - origin
+            evaluated = mesh_data.world_points(part.item.evaluated_get(depsgraph)) - bench.origin
             if evaluated.shape != source.points.shape:
                 return np.inf
-            mine = skin(
-                source, pose(frames, np.array([index / max(len(times) - 1, 1)], np.float32))
-            )[0]
+            mine = skin(source, posed)[0]
             worst = max(worst, float(np.linalg.norm(mine - evaluated, axis=1).max(initial=0)))
+        yield 1.0
     return worst

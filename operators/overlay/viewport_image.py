@@ -39,7 +39,7 @@ class CROWDLOD_OT_render_viewport(Stepwise, bpy.types.Operator):
         if display.batches is None:
             raise CrowdError(f"The viewport shows no crowd: {display.problem}")
         region = next(region for region in context.area.regions if region.type == "WINDOW")
-        view, projection, size = _seen(context, space, region)
+        view, projection, size = _viewport_view(context, space, region)
         settings = context.scene.crowd_lod
         canvas = Canvas(size)
         crowd = visibility.shows_crowd(settings, space) and not visibility.shows_build(
@@ -73,7 +73,7 @@ def _waiting(window: bpy.types.Window | None) -> Iterator[None]:
         window.cursor_modal_restore()
 
 
-def _seen(context, space, region) -> tuple[np.ndarray, np.ndarray, tuple[int, int]]:
+def _viewport_view(context, space, region) -> tuple[np.ndarray, np.ndarray, tuple[int, int]]:
     """Return (view, projection, size in pixels) of the viewport's picture."""
     view_3d = space.region_3d
     camera = space.camera

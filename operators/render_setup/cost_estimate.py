@@ -347,7 +347,9 @@ def _look_at(
                 frame = yield from aside(partial(surrounded, planning, around))
                 if name == mine:
                     frame = use.applied(frame)
-                agents_shown[name].append(_shown(frame, library, trajectory, choice.policy.count))
+                agents_shown[name].append(
+                    _count_shown(frame, library, trajectory, choice.policy.count)
+                )
             rays.append(samples * covered(frame))
             hidden_agents += hidden_wholly(frame)
             visible = len(frame.without_worn(frame.buckets).order)
@@ -359,7 +361,7 @@ def _look_at(
     return _Seen(counts, np.array(rays), share_hidden, hidden_agents / planned)
 
 
-def _shown(frame: Frame, library: Library, trajectory: Trajectory, count: int) -> np.ndarray:
+def _count_shown(frame: Frame, library: Library, trajectory: Trajectory, count: int) -> np.ndarray:
     """Return how many agents of the frame show each LOD of each character, (K, N).
 
     count: the number K of LODs.

@@ -13,10 +13,11 @@ from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import HIDDEN, note_of
 from ...crowd_lod.progress import aside, share, standing
+from ...crowd_lod.reporting.png_file import save_png
 from ...crowd_lod.validation import image_difference
 from ...crowd_lod.validation.judged_agents import JudgedAgent, choose_agents
 from ...crowd_lod.validation.render_proof import agents_row
-from ..blender import frame_stepping, image_data, mesh_data, scene_data
+from ..blender import frame_stepping, mesh_data, scene_data
 from ..characters.cast_provenance import reading
 from ..render_setup import bake, frame_update, render_setup
 from ..scene import lights
@@ -25,7 +26,14 @@ from ..scene.shot_reference import stored_plan
 from .lone_agents import LoneStage, Shown, lone_crop, sheet_of
 from .verify_build import MADE, Columns, ProvedBuild, columns_of_members, seen_by_kind
 from .verify_notes import DISPLACED, displaced_materials
-from .verify_pictures import COMPARED, PICTURES, amplified, render_picture, small
+from .verify_pictures import (
+    COMPARED,
+    PICTURES,
+    amplified,
+    develop_picture,
+    render_picture,
+    small,
+)
 from .verify_stage import Verify, add_twins, dark_world, light_by
 
 CROPS = 0.4  # of a frame's time
@@ -127,7 +135,7 @@ class Proof:
         if crops:
             pictures.append(self.folder / f"frame_{number:04d}_agents.png")
             sheet = yield from standing(sheet_of(crops), 1.0)
-            image_data.save_png(pictures[-1], sheet)
+            yield from standing(aside(partial(save_png, pictures[-1], sheet)), 1.0)
         account = {
             "row": row,
             "agents": agents,
@@ -174,20 +182,20 @@ class Proof:
                 rendered = self.full if name in members else self.proved.top
                 for top in {self.full, self.proved.top}:
                     top.hide_render = top != rendered or (name == "c" and self.proved.hidden)
+                path = self.folder / f"frame_{number:04d}_{name}{ending}.png"
                 with small(scene, self.size):
-                    shot[name] = render_picture(
-                        scene, self.folder / f"frame_{number:04d}_{name}{ending}.png"
-                    )
-                yield (times + (pictures_done + 1) / len(PICTURES)) / (1 + (bounces > 0))
+                    render_picture(scene, path)
+                progress = (times + (pictures_done + 1) / len(PICTURES)) / (1 + (bounces > 0))
+                yield progress
+                shot[name] = yield from standing(develop_picture(scene, path), progress)
             for name in COMPARED:
                 yield (times + 1) / (1 + (bounces > 0))
                 differing = partial(image_difference.difference_of, shot["a"], shot[name])
                 difference = yield from aside(differing)
                 row |= {f"{name}{ending}_{key}": value for key, value in vars(difference).items()}
                 picture = yield from aside(partial(amplified, shot["a"], shot[name]))
-                image_data.save_png(
-                    self.folder / f"frame_{number:04d}_a_{name}{ending}.png", picture
-                )
+                path = self.folder / f"frame_{number:04d}_a_{name}{ending}.png"
+                yield from aside(partial(save_png, path, picture))
         scene.world = worlds[0]
         return row
 

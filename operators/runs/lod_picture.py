@@ -80,7 +80,7 @@ def draw_lods(
         tint = ramp(
             1 + np.log10(np.maximum(meters * deviations[k] / (most or 1.0), 1e-9)) / DECADES
         )
-        _draw_shaded(sheet, layout, k, drawings[k], tint)
+        yield from aside(partial(_draw_shaded, sheet, layout, k, drawings[k], tint))
         if deviations[k].any():
             up = (view.worst @ axes[1] - corners[k][1]) * scale
             across = (view.worst @ axes[0] - corners[k][0]) * scale
@@ -88,12 +88,14 @@ def draw_lods(
         elif view.hidden.any():
             inner = Surface(view.character.points, view.character.triangles[view.hidden])
             places = (inner.points @ axes.T - corners[k]) * scale * SUPERSAMPLING
-            pixel, _, _, shade, _ = _look(places, inner, fine)
-            _paste(sheet, GAP, layout.left(k), pixel, np.array(HIDDEN) * shade[:, None], size)
+            pixel, _, _, shade, _ = yield from aside(partial(_look, places, inner, fine))
+            gray = np.array(HIDDEN) * shade[:, None]
+            yield from aside(partial(_paste, sheet, GAP, layout.left(k), pixel, gray, size))
         _write_captions(sheet, layout, k, captions[k], notes[k])
         yield 0.0
     if most:
         _draw_color_bar(sheet, layout, most)
+        yield 0.0
     pixels = np.full((*sheet.shape[:2], 4), 255, np.uint8)
     pixels[..., :3] = np.rint(sheet * 255)
     return pixels, most
@@ -196,10 +198,13 @@ def _draw_color_bar(sheet: np.ndarray, layout: _Layout, most: float) -> None:
 
 def _ring(sheet: np.ndarray, row: float, column: float) -> None:
     """Draw a ring over the sheet about a place in pixels."""
-    rows, columns = np.ogrid[: sheet.shape[0], : sheet.shape[1]]
-    off = np.hypot(rows - row, columns - column)
+    low = max(int(row - 2 * RING), 0)
+    left = max(int(column - 2 * RING), 0)
+    part = sheet[low : int(row + 2 * RING), left : int(column + 2 * RING)]
+    rows, columns = np.ogrid[: part.shape[0], : part.shape[1]]
+    off = np.hypot(rows + low - row, columns + left - column)
     for radius, color in ((RING + 1.5, PAPER), (RING, MARK)):
-        sheet[np.abs(off - radius) < 1.2] = color
+        part[np.abs(off - radius) < 1.2] = color
 
 
 def _look(at: np.ndarray, surface: Surface, shape: tuple[int, int]) -> tuple:

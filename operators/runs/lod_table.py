@@ -14,8 +14,9 @@ from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.levels.assignment import pixels_of
 from ...crowd_lod.progress import aside, share, standing
+from ...crowd_lod.reporting.png_file import save_png
 from ...crowd_lod.validation import silhouette
-from ..blender import image_data, scene_data
+from ..blender import scene_data
 from ..blender.material_colors import Looks
 from ..blender.named_actions import group_performance
 from ..blender.performance import Performance
@@ -71,7 +72,8 @@ def tables(
                 entry["picture"] = _file_name(group.name, g, file_names)
                 drawing = character.draw(entry["levels"], views)
                 pixels = yield from standing(drawing, (g + 0.7) / pictured)
-                image_data.save_png(folder / entry["picture"], pixels)
+                saving = aside(partial(save_png, folder / entry["picture"], pixels))
+                yield from standing(saving, (g + 0.9) / pictured)
             yield (g + 1) / pictured
     return entries
 

@@ -22,6 +22,7 @@ from ...crowd_lod.progress import aside, share, standing
 from ...crowd_lod.reporting import tables
 from ...crowd_lod.reporting.frame_parts import FrameParts
 from ...crowd_lod.reporting.html_report import page
+from ...crowd_lod.reporting.png_file import save_png
 from ...crowd_lod.reporting.shot_page import preview_page
 from ...crowd_lod.shot import plan_file
 from ...crowd_lod.shot.frame_errors import worst_error
@@ -56,9 +57,8 @@ BEHAVIOR = 0.9  # of a frame's time, where the way to it is long
 LEVELS = 0.1
 PLANNED = 0.1
 LOD = 2.0  # frames of the preview that take as long as a LOD's picture and its row in the table
-MOST_PLANNED = (
-    30_000_000  # agents times frames that a preview plans first; longer shots take Plan Shot
-)
+# agents times frames that a preview plans first; longer shots take Plan Shot
+MOST_PLANNED = 30_000_000
 LEFT_OUT = "The characters themselves are left out of the pictures (see Keep in Renders)."
 THUMBNAIL = 480  # pixels wide, at least
 
@@ -198,7 +198,7 @@ def _write(
     (folder / "report.html").write_text(report, encoding="utf-8")
     pictures = [run.pictures(number) for number in run.on.task.frames]
     sheet = yield from _sheet(pictures, legends)
-    image_data.save_png(folder / "contact_sheet.png", sheet)
+    yield from aside(partial(save_png, folder / "contact_sheet.png", sheet))
 
 
 def _with_levels(stage: bpy.types.Scene) -> Generator[float, None, float]:
@@ -378,8 +378,8 @@ def legends_of(color: str, frame: Frame) -> list[Legend]:
     return [[("From the camera:", None), *names], above]
 
 
-def _sight(rows: list[dict[str, Any]]) -> str:
-    """Return how many agents the frames show, for the index of a preview without a verdict."""
+def in_sight(rows: list[dict[str, Any]]) -> str:
+    """Return in a sentence how many agents the frames of plan.json show."""
     counts = [row["visible"] for row in rows]
     least = min(counts)
     most = max(counts)
@@ -429,7 +429,7 @@ class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
             f"{counted(len(task.frames), 'frame is', 'frames are')} in {place_of(task.folder)}."
         )
         found = verdict_in(plan)
-        note_output(context.scene, "preview", found or _sight(plan["frames"]))
+        note_output(context.scene, "preview", found or in_sight(plan["frames"]))
         sentence = f"{found} {sentence}".lstrip()
         return f"{sentence} {LEFT_OUT}" if leaves_out(context.scene) else sentence
 

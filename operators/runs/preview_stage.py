@@ -112,7 +112,8 @@ def set_up(stage: bpy.types.Scene, task: Preview) -> None:
             setattr(render, name, name in ("use_stamp_frame", "use_stamp_note"))
     render.use_stamp = render.use_stamp_labels = True
     render.stamp_font_size = caption_size(task.width)
-    render.stamp_background = (0, 0, 0, 0.6)
+    render.stamp_foreground = (1, 1, 1, 1)
+    render.stamp_background = (0, 0, 0, 0.85)
     # one pass; Workbench draws the whole scene anew for every other sample
     stage.display.render_aa = "FXAA"
     if task.engine == "OVERLAY":

@@ -2,6 +2,7 @@
 
 from collections.abc import Generator, Iterator
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,10 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame_range import spread_evenly
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import unplanned_notes
-from ...crowd_lod.progress import share, standing
+from ...crowd_lod.progress import aside, share, standing
 from ...crowd_lod.reporting import tables
 from ...crowd_lod.reporting.frame_parts import FrameParts
+from ...crowd_lod.reporting.png_file import save_png
 from ...crowd_lod.reporting.verify_report import verify_page
 from ...crowd_lod.validation.render_proof import is_ok
 from ..blender import cameras, cleanup, frame_stepping, image_data, scene_data
@@ -182,7 +184,8 @@ def _write(run: Proof, result: dict[str, Any]) -> Iterator[float]:
     lights = ("", "\nwith bounces") if run.task.bounces else ("",)
     labels = [f"Frame {number}{light}" for number in frames for light in lights]
     sheet = yield from standing(labeled_sheet(tiles, len(TITLES), TITLES, labels), 0.95)
-    image_data.save_png(folder / "contact_sheet.png", sheet)
+    saving = aside(partial(save_png, folder / "contact_sheet.png", sheet))
+    yield from standing(saving, 0.95)
 
 
 def _result(

@@ -1,14 +1,17 @@
 """The whole pictures of a proof: rendered small, compared, and written as PNG."""
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import bpy
 import numpy as np
 
 from ...crowd_lod.culling.stereo import EYES
+from ...crowd_lod.progress import aside
 from ...crowd_lod.reporting import file_checks
+from ...crowd_lod.reporting.png_file import save_png
 from ..blender import cameras, cleanup, console, image_data
 
 # The pictures of a frame. The third is the culled one without those whom the camera does not see
@@ -63,24 +66,28 @@ def small(scene: bpy.types.Scene, size: tuple[int, int]) -> Iterator[None]:
         yield
 
 
-def render_picture(stage: bpy.types.Scene, path: Path) -> np.ndarray:
-    """Render to the PNG `path`; return the linear values, (rows, columns, 4) float32.
-
-    The bottom row is first. The views of a stereo picture stand side by side.
-    """
-    render = stage.render
+def render_picture(stage: bpy.types.Scene, path: Path) -> None:
+    """Render to EXR files, one for each view, beside the PNG `path` that develop_picture writes."""
     settings = stage.render.image_settings
-    stem = path.with_suffix("")
     with console.quiet(), bpy.context.temp_override(scene=stage):
         settings.file_format = "OPEN_EXR"
         settings.color_depth = "32"
-        render.filepath = f"{stem}.exr"
+        stage.render.filepath = str(path.with_suffix(".exr"))
         bpy.ops.render.render(write_still=True)
     settings.file_format = "PNG"
     settings.color_depth = "8"
+
+
+def develop_picture(stage: bpy.types.Scene, path: Path) -> Generator[float, None, np.ndarray]:
+    """Make the PNG `path` of what was rendered: yield between steps, return the linear values.
+
+    They are (rows, columns, 4) float32, bottom row first. The views of a stereo picture stand side
+    by side.
+    """
+    stem = path.with_suffix("")
     values = []
     pixels = []
-    for view in _views(render):
+    for view in _views(stage.render):
         raw = Path(f"{stem}{view}.exr")
         png = Path(f"{stem}{view}.png")
         file_checks.check(raw)
@@ -94,7 +101,8 @@ def render_picture(stage: bpy.types.Scene, path: Path) -> np.ndarray:
             bpy.data.images.remove(image)
         raw.unlink()
         png.unlink()
-    image_data.save_png(path, np.concatenate(pixels, axis=1))
+        yield 0.0
+    yield from aside(partial(save_png, path, np.concatenate(pixels, axis=1)))
     return np.concatenate(values, axis=1)
 
 

@@ -216,7 +216,7 @@ def places_of(part: Trajectory) -> np.ndarray:
 
 def _poses(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
     """Yield sentences on groups that builds show as still poses, each for a long time."""
-    fps = scene.render.fps / scene.render.fps_base
+    fps = scene_data.frame_rate(scene)
     reasons = [refusal(objects) for _, objects, _ in characters_of(scene)]
     cycles = np.array(
         [max(group.period, *(action.period for action in group.actions), 0.0) for group in groups]

@@ -6,6 +6,7 @@ from typing import Any
 
 import bpy
 
+from ...crowd_lod.reporting.png_file import save_png
 from ..blender import image_data
 from ..blender.material_colors import Looks
 
@@ -86,13 +87,13 @@ class Materials:
                 and path.is_file()
             )
             self._files[image] = (
-                self._named(path)
+                self._relative_path(path)
                 if is_named and path.suffix.lower() in READ_BY_ALL
                 else self._saved(image)
             )
         return self._files[image]
 
-    def _named(self, file: Path) -> str:
+    def _relative_path(self, file: Path) -> str:
         try:
             return f"./{Path(os.path.relpath(file, self.place.parent)).as_posix()}"
         except ValueError:  # on another drive
@@ -102,7 +103,7 @@ class Materials:
         name = (
             f"{self.place.stem}_{bpy.path.clean_name(Path(image.name).stem)}_{len(self._files)}.png"
         )
-        image_data.save_png(self.hidden / name, image_data.read_pixels(image))
+        save_png(self.hidden / name, image_data.read_pixels(image))
         return f"./{name}"
 
 

@@ -330,13 +330,6 @@ def test_many_runs_at_once_leave_the_files_of_one(tmp_path):
     assert len(found) == 50 and len(set(found.values())) == 1 and found["0"].endswith(" 9")
 
 
-def test_a_hidden_folder_that_another_run_is_removing_leaves_nothing(tmp_path):
-    hidden = tmp_path / ".crowd-lod-a"
-    hidden.touch()  # the other run has moved the folder aside and put a file in its place
-    files.remove_hidden(hidden)
-    assert content(tmp_path) == {}
-
-
 def test_sizes_are_text_of_three_digits():
     sizes = (0, 120, 724_000, 999_499_000, 999_600_000, 12_900_000, 3.21e9)
     assert [*map(byte_size, sizes)] == [
