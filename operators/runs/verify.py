@@ -104,7 +104,6 @@ def _restore_afterwards(scene: bpy.types.Scene, opened: ExitStack) -> None:
     layer = scene.view_layers[0]
     # a live build was shown other frames
     opened.callback(lambda: frame_update.follow(scene, layer.depsgraph))
-    opened.callback(store_groups, settings, groups_of(settings))
     opened.enter_context(cleanup.scratch())
     owners = (
         scene.render,
@@ -117,6 +116,7 @@ def _restore_afterwards(scene: bpy.types.Scene, opened: ExitStack) -> None:
         *filter(None, (settings.build, settings.characters)),
     )
     opened.enter_context(cleanup.restore_settings(*owners))
+    opened.callback(store_groups, settings, groups_of(settings))  # it clears the estimate
     opened.callback(setattr, scene, "world", scene.world)
 
 
