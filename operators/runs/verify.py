@@ -44,6 +44,12 @@ from .verify_stage import (
 )
 
 LODS_MADE = 0.05  # of the progress: LODs made
+# Settings of the crowd that a proof sets for a while, by making LODs and storing groups, too. The
+# others are the user's meanwhile.
+SET_MEANWHILE = (
+    *("build", "levels", "dropped", "memory_tolerance", "memory_made"),
+    *("estimate", "shot_budgets"),
+)
 MOST_PROVED_IN_SHEET = 8  # frames on the contact sheet
 
 
@@ -111,12 +117,12 @@ def _restore_afterwards(scene: bpy.types.Scene, opened: ExitStack) -> None:
         scene.cycles,
         scene.display,
         scene.view_settings,
-        settings,
         *scene.view_layers,
         *filter(None, (settings.build, settings.characters)),
     )
     opened.enter_context(cleanup.restore_settings(*owners))
-    opened.callback(store_groups, settings, groups_of(settings))  # it clears the estimate
+    opened.enter_context(cleanup.restore_settings(settings, only=SET_MEANWHILE))
+    opened.callback(store_groups, settings, groups_of(settings))
     opened.callback(setattr, scene, "world", scene.world)
 
 
