@@ -81,9 +81,10 @@ def verify(
         size = _set_up(scene, task, proved, opened)
         yield from _prepare_crowd(scene)
         sharing.save(folder)
-        at = opened.enter_context(frame_stepping.step_frames(scene))
-        run = Proof(scene, task, folder, at, size, proved, LoneStage(scene, folder))
-        frames = yield from _prove_frames(run, sharing)
+        with frame_stepping.step_frames(scene) as at:
+            run = Proof(scene, task, folder, at, size, proved, LoneStage(scene, folder))
+            frames = yield from _prove_frames(run, sharing)
+        yield 0.95
         if sharing.part is not None:
             return {"frames": [frame["row"] for frame in frames], "ok": True}
         result = _result(scene, task, command, frames)
