@@ -198,7 +198,7 @@ def _read_characters(
         shots = yield from work.take(looking, 0.05 * reading)
     is_limited = bool(settings.memory) or limits_levels(settings)
     for ladder, group, shot in zip(ladders, groups, shots, strict=True):
-        ladder.reach = group.lowest, group.center, group.radius
+        ladder.reach = group.lowest, group.center, group.radius, group.girth
         for goal in (ladder.goals[0], *ladder.given):
             if goal in ladder.goals and goal not in ladder.measured.rows:
                 yield from work.take(ladder.measure(goal), 0.8 * ladder.costs.read)

@@ -57,9 +57,8 @@ BEHAVIOR = 0.9  # of a frame's time, where the way to it is long
 LEVELS = 0.1
 PLANNED = 0.1
 LOD = 2.0  # frames of the preview that take as long as a LOD's picture and its row in the table
-MOST_PLANNED = (
-    30_000_000  # agents times frames that a preview plans first; longer shots take Plan Shot
-)
+# agents times frames that a preview plans first; longer shots take Plan Shot
+MOST_PLANNED = 30_000_000
 LEFT_OUT = "The characters themselves are left out of the pictures (see Keep in Renders)."
 THUMBNAIL = 480  # pixels wide, at least
 
@@ -354,8 +353,8 @@ def _caption(frame: Frame) -> str:
 
 
 def verdict_in(plan: dict[str, Any]) -> str:
-    """Return the verdict on the shot that the preview planned; "" if it planned none."""
-    return plan["shot"]["verdict"]["sentence"] if "shot" in plan else ""
+    """Return the verdict on the shot, by the preview's plan or the scene's own; "" without one."""
+    return plan["shot"]["verdict"]["sentence"] if "shot" in plan else plan["preview"]["verdict"]
 
 
 def legends_of(color: str, frame: Frame) -> list[Legend]:

@@ -395,7 +395,7 @@ def draw_of(crowd, groups: Sequence[Group]) -> Draw:
 
 
 def widen_for_lean(groups: tuple[Group, ...], heights: Ground) -> tuple[Group, ...]:
-    """Return `groups` with spheres wide enough for characters that lean on slopes.
+    """Return `groups` with spheres wide enough for characters that lean on slopes; no girths.
 
     A lean by t moves the sphere's center, h meters above the feet, by 2 h sin(t / 2). The radius
     grows by as much, for the steepest slope of `heights`.
@@ -403,5 +403,6 @@ def widen_for_lean(groups: tuple[Group, ...], heights: Ground) -> tuple[Group, .
     # pitch and roll are float32
     away = 2 * np.sin(np.arctan(np.hypot(*heights.steepest)) / 2) * (1 + 1e-6)
     return tuple(
-        replace(group, radius=float(group.radius + abs(group.center) * away)) for group in groups
+        replace(group, radius=float(group.radius + abs(group.center) * away), girth=0.0)
+        for group in groups
     )
