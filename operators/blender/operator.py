@@ -170,7 +170,7 @@ class Stepwise(Reporting):
             return
         self._shown = now
         left = self._left.words(progress, now - self._started)
-        status = f"{self.bl_label}: {100 * progress:.0f} %{left}, Esc to cancel"
+        status = f"{self.bl_label}: {100 * progress:.0f}%{left}, Esc to cancel"
         if status != self._status:
             self._status = status
             at_work[type(self).bl_idname] = progress

@@ -56,7 +56,7 @@ class CROWDLOD_OT_render_viewport(Stepwise, bpy.types.Operator):
         yield 0.9
         image = image_data.write_image("Viewport with crowd", pixels[..., :3])
         if not bpy.app.background:
-            bpy.app.timers.register(partial(_show, image.name))
+            bpy.app.timers.register(partial(show_image, image.name))
         return f"{image.name}: {size[0]} x {size[1]} pixels."
 
 
@@ -89,7 +89,7 @@ def _viewport_view(context, space, region) -> tuple[np.ndarray, np.ndarray, tupl
 
 
 @guard
-def _show(name: str) -> None:
+def show_image(name: str) -> None:
     """Open the image, if it is still there, in a new window.
 
     A timer calls this. An operator with a progress bar that opens a window never ends, in Blender

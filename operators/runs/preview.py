@@ -353,8 +353,8 @@ def _caption(frame: Frame) -> str:
 
 
 def verdict_in(plan: dict[str, Any]) -> str:
-    """Return the verdict on the shot that the preview planned; "" if it planned none."""
-    return plan["shot"]["verdict"]["sentence"] if "shot" in plan else ""
+    """Return the verdict on the shot, by the preview's plan or the scene's own; "" without one."""
+    return plan["shot"]["verdict"]["sentence"] if "shot" in plan else plan["preview"]["verdict"]
 
 
 def legends_of(color: str, frame: Frame) -> list[Legend]:

@@ -29,6 +29,8 @@ from ..render_setup.cost_estimate import covered
 from ..scene import lights
 from ..scene.scene_crowd import characters_of, policy_of, trajectory_of
 
+THROUGH = 0.9  # the progress with which the shot is run through: the rest makes the survey
+
 
 @dataclass
 class SurveyedShot:
@@ -66,14 +68,15 @@ def survey_of(
     took = Counter()
     with frame_stepping.step_frames(scene) as at, Recorder(recording) as recorder:
         for f, time in enumerate(times):
-            yield from share(approach(trajectory, time), f / len(frames), (f + 0.5) / len(frames))
+            begin, middle, end = (THROUGH * (f + part) / len(frames) for part in (0.0, 0.5, 1.0))
+            yield from share(approach(trajectory, time), begin, middle)
             eyes, around, shutter = lights.read_moment(scene, time, at)
             if trajectory_of(scene) is not trajectory or policy_of(settings) != policy:
                 raise _changes_at(frames[f])
             bias = bias_of(settings)
             planning = partial(plan, trajectory, eyes, policy, time, shutter, bias)
             planned = aside(partial(surrounded, planning, around))
-            frame = yield from standing(planned, (f + 0.5) / len(frames))
+            frame = yield from standing(planned, middle)
             film = cameras.bound_camera(scene, time)
             cut = f > 0 and film != cameras.bound_camera(scene, times[f - 1])
             samples = scene_data.samples_of(scene) * covered(frame)
@@ -81,7 +84,7 @@ def survey_of(
             views.append(numbers_of(eyes))
             took.update(frame.milliseconds)
             before = frame
-            yield (f + 1) / len(frames)
+            yield end
         recorder.finish()
     if len({numbers.shape for numbers in views}) > 1:
         raise CrowdError(
@@ -89,7 +92,8 @@ def survey_of(
             "apart."
         )
     milliseconds = {name: total / len(frames) for name, total in took.items()}
-    survey = yield from standing(aside(recording.make_survey), 1.0)
+    making = aside(recording.make_survey, lambda: 1 - len(recording.records) / len(frames))
+    survey = yield from share(making, THROUGH, 1.0)
     return SurveyedShot(survey, np.array(views), milliseconds, around.left_out)
 
 
