@@ -84,6 +84,7 @@ def savings(
         # only the part in which an item can save anything counts: the other is the clock's noise
         part = 0 if item.stage == "behavior" else 1
         quarters[item] = np.percentile(took[:, k, part] - took[:, k + 1, part], (25, 50, 75))
+    quarters = {item: quarters[item] for item in ITEMS if item in quarters}
     full, lean = np.median(took[:, [0, -1]].sum(axis=2), axis=0)
     return Savings(
         float(full),
