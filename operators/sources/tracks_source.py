@@ -63,8 +63,8 @@ def tracks_of_crowd(crowd, usual: float) -> Tracks:
     CrowdError if it cannot be read or used.
     """
     stamp = stamp_of(crowd)
-    told = _reading_options(crowd, usual)
-    return _known_tracks(stamp, told) or _read_tracks(stamp, told, [0.0])
+    options = _reading_options(crowd, usual)
+    return _known_tracks(stamp, options) or _read_tracks(stamp, options, [0.0])
 
 
 def notes_on_frames(crowd) -> str:
@@ -119,9 +119,9 @@ def _reading_options(crowd, usual: float) -> tuple[str, float, float, str, float
     )
 
 
-def _known_tracks(stamp: tuple, told: tuple) -> Tracks | None:
+def _known_tracks(stamp: tuple, options: tuple) -> Tracks | None:
     content = _contents.get(stamp)
-    return None if content is None else _files.get((content, *told))
+    return None if content is None else _files.get((content, *options))
 
 
 def _read_tracks(stamp: tuple, options: tuple, progress: list[float]) -> Tracks:
