@@ -86,7 +86,8 @@ def install() -> None:
     with locked(ROOT / f".venv-{VERSION}.lock"):
         if marked("installed"):  # by another crowd-lod, while this one waited for the lock
             return
-        pip = [PYTHON, "-m", "pip", "install"]
+        # what is imported is compiled then: all of it now takes ten processor seconds
+        pip = [PYTHON, "-m", "pip", "install", "--no-compile"]
         with LOG.open("wb") as log:
             for step in (
                 create,

@@ -52,9 +52,8 @@ def main() -> None:
         archive = stage / f"{manifest['id']}-{manifest['version']}.zip"
         extension_tool("build", "--source-dir", ROOT, "--output-filepath", archive)
         extension_tool("validate", archive)
-    os.write(
-        1, os.fsencode(f"{out / archive.name}\n")
-    )  # at once, and in any encoding: a full stdout is an error here, not at exit
+    # at once, and in any encoding: a full stdout is an error here, not at exit
+    os.write(1, os.fsencode(f"{out / archive.name}\n"))
 
 
 def fetch(names: list[str]) -> None:

@@ -58,10 +58,8 @@ COUNTS = "posed", "unique", "split", "instances", "instanced", "rigs", "images"
 # divided
 HELD_OUT = (3, 8, 1), (6, 3, 0)
 HELD_OUT_AGENTS = {"CYCLES": (300, 5000), "EEVEE": (50, 150)}
-PER_SAMPLE = {
-    "CYCLES": "traced",
-    "EEVEE": "drawn_triangles",
-}  # the count that grows with the samples
+# the count that grows with the samples
+PER_SAMPLE = {"CYCLES": "traced", "EEVEE": "drawn_triangles"}
 
 
 def main() -> None:

@@ -202,9 +202,8 @@ def main(picture: Path | None, files: list[str], other: bool) -> None:
                     * deviation(source, Surface(new_points, new_triangles), SAMPLES)[0]
                     / diagonal
                 )
-                base = (
-                    distance if base is None else base
-                )  # the first is what the others are held against
+                # the first is what the others are held against
+                base = distance if base is None else base
                 rows.append((ratio, method, ms, distance))
                 count = len(new_triangles)
                 x = distance / base

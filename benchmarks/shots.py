@@ -250,7 +250,7 @@ def compared(
                 row(name, engine, f"hysteresis {width:g}{condition}", way_bill, thresholds, full)
             )
     strides = strides_of(GROUPS, gaits)
-    phases = plan_phases(survey, strides, TOLERANCE, VARIETY).phases
+    phases = finished(plan_phases(survey, strides, TOLERANCE, VARIETY)).phases
     of_few_classes = replace(shot, survey=recast(survey, phases))
     for part in avoid:
         made = finished(decide(of_few_classes, part))

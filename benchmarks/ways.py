@@ -51,12 +51,8 @@ NODES = "geometry nodes"
 BAKED = "1 px, baked"
 CROWD_LOD = ("by ratio", "1 px")
 WAYS = (NOBODY, EVERYONE, CAMERA_CULL, NODES, *CROWD_LOD, BAKED)
-BASES = {
-    NODES: "by ratio",
-    "by ratio": "by ratio",
-    "1 px": "1 px",
-    BAKED: "1 px",
-}  # the build whose LODs a way has, if not full's
+# the build whose LODs a way has, if not full's
+BASES = {NODES: "by ratio", "by ratio": "by ratio", "1 px": "1 px", BAKED: "1 px"}
 FRAMES = range(30, 33)  # that a baked file holds; the middle one is rendered
 CHOSEN_FOR = 10_000  # agents of the shot for which LODs by tolerance are chosen
 

@@ -29,9 +29,8 @@ from ways import BAKED, EVERYONE, FRAMES, NOBODY, shown_by
 MARKERS = "osD^v<>"  # of matplotlib
 
 NEAR, FAR = ({"groups": 4, "meters": meters, "finer": 1} for meters in (2, 20))
-LIGHT = [
-    {**crowd, "finer": 0} for crowd in (NEAR, FAR)
-]  # a GPU of software draws every instance's triangles
+# a GPU of software draws every instance's triangles
+LIGHT = [{**crowd, "finer": 0} for crowd in (NEAR, FAR)]
 TWENTY = {"groups": 20, "meters": 20, "finer": 0}
 QUICK = [("CYCLES", crowd, (1000, 10_000)) for crowd in (NEAR, FAR)]
 ROWS = [
@@ -44,11 +43,8 @@ LIMIT = 1200.0  # seconds of a render: a GPU of software takes its time
 # renders by Cycles of up to so many agents, for medians
 REPEATS = 3
 REPEATED = 10_000
-PARTS = {
-    "cpu_s": "time",
-    "peak_mb": "memory",
-    "file_mb": "file",
-}  # what is measured, and the name of its part of everyone's
+# what is measured, and the name of its part of everyone's
+PARTS = {"cpu_s": "time", "peak_mb": "memory", "file_mb": "file"}
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import closing
+from itertools import count
 from typing import Any, TypeVar
 
 THREADS = min(os.cpu_count() or 1, 4)
@@ -48,6 +49,15 @@ def standing(steps: Generator[Any, None, Made], progress: float) -> Generator[fl
     does.
     """
     return (yield from _told(steps, lambda _: progress))
+
+
+def searched(steps: Generator[Any, None, Made], usual: int) -> Generator[float, None, Made]:
+    """Yield the progress of a search that may take any number of steps, and return its result.
+
+    It is a half after `usual` steps, and then a half of the rest after as many more.
+    """
+    taken = count(1)
+    return (yield from _told(steps, lambda _: 1 - 0.5 ** (next(taken) / usual)))
 
 
 def _told(

@@ -72,14 +72,17 @@ def plan(machine: StateMachine) -> LabelMap:
     return LabelMap(labels, Area(-half, -half, half, half))
 
 
-def _way_out(blocked: np.ndarray, reach: int = 2) -> tuple[np.ndarray, np.ndarray]:
+REACH = 2  # cells from a wall or from water at which people turn away
+
+
+def _way_out(blocked: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return whether blocked cells are near each cell, and the way away from them.
 
-    Near is within `reach` cells. Directions are in eighths of a turn from +x.
+    Near is within REACH cells. Directions are in eighths of a turn from +x.
     blocked: (rows, columns) bool; all cells beyond the border count as blocked.
     """
     rows, columns = blocked.shape
-    wide = reach + 1  # the direction is smoother if it looks a little further
+    wide = REACH + 1  # the direction is smoother if it looks a little further
     padded = np.pad(blocked, wide, constant_values=True)
     near = np.zeros(blocked.shape, bool)
     away = np.zeros((2, rows, columns))
@@ -88,5 +91,5 @@ def _way_out(blocked: np.ndarray, reach: int = 2) -> tuple[np.ndarray, np.ndarra
             there = padded[wide + i : wide + i + rows, wide + j : wide + j + columns]
             if 0 < i * i + j * j <= wide * wide:
                 away -= there * (np.array([j, i]) / (i * i + j * j))[:, None, None]
-            near |= there & (i * i + j * j <= reach * reach + 1)
+            near |= there & (i * i + j * j <= REACH * REACH + 1)
     return near, np.rint(np.arctan2(away[1], away[0]) / (np.pi / 4)).astype(int) % 8

@@ -50,10 +50,14 @@ def lathe(x, y, profile: list[tuple[float, float]], sides=12) -> Shape:
     return points, [tuple(reversed(range(sides))), *faces, tuple(range(top, top + sides))]
 
 
-def windows(x0, y0, x1, y1, z0, z1, spacing=3.0, storey=3.4, out=0.04) -> Shape:
-    """Return panes on the four sides of the box, `out` meters in front of the walls.
+SPACING = 3.0  # meters between windows
+OUT = 0.04  # meters of panes before a wall
 
-    One every `spacing` meters along a wall and every `storey` meters up.
+
+def windows(x0, y0, x1, y1, z0, z1, storey=3.4) -> Shape:
+    """Return panes on the four sides of the box, a little in front of the walls.
+
+    One every SPACING meters along a wall and every `storey` meters up.
     """
     points = []
     faces = []
@@ -62,14 +66,14 @@ def windows(x0, y0, x1, y1, z0, z1, spacing=3.0, storey=3.4, out=0.04) -> Shape:
         length = abs(bx - ax) + abs(by - ay)
         dx = (bx - ax) / length
         dy = (by - ay) / length
-        for column in range(int(length // spacing)):
-            middle = (column + 0.5) * length / (length // spacing)
+        for column in range(int(length // SPACING)):
+            middle = (column + 0.5) * length / (length // SPACING)
             for row in range(int((z1 - z0) // storey)):
                 bottom = z0 + row * storey + (0.9 if row else 0.0)
                 top = z0 + row * storey + 2.6
                 for along, z in ((-0.55, bottom), (0.55, bottom), (0.55, top), (-0.55, top)):
                     s = middle + along
-                    points.append((ax + dx * s + dy * out, ay + dy * s - dx * out, z))
+                    points.append((ax + dx * s + dy * OUT, ay + dy * s - dx * OUT, z))
                 faces.append(tuple(range(len(points) - 4, len(points))))
     return points, faces
 

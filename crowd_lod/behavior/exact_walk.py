@@ -10,10 +10,10 @@ A step (behavior/plain_step.py) reads once in each piece. So the two agree, up t
 a rule moves as the state that it leads to. Elsewhere an agent keeps the rule's own velocity for at
 most a step, and the error is of first order in the step.
 
-Some tables have no limit. One that turns an agent a little at each read, first further in and then
-out again (the plaza's, along its houses), lets the agent out after one read more or less, depending
-on where in a step it reached the border, however short the step. The exact walk takes the first way
-out. Such agents are equally far apart with any step: see Convergence.apart in
+Some tables have no limit. The plaza's turns an agent along a house a little at each read, first
+toward the wall and then away from it. How many reads that takes depends on where in a step the
+agent reached the border, however short the step. The exact walk takes the first way out. Steps of
+any length leave such agents equally far from it: see Convergence.apart in
 validation/convergence.py.
 """
 

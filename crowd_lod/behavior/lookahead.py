@@ -131,24 +131,25 @@ def _look_at_block(
     case = tables.cases(crowd, block, world.labels.ravel().take(cell, mode="clip"))
     # by less than a cell a step, agents go on through cells of the same label, in one row or in one
     # column of them
-    slow_x = np.abs(tables.x) < SLOW * width
-    slow_y = np.abs(tables.y) < SLOW * depth
-    upright = tables.x == 0
+    is_slow_x = np.abs(tables.x) < SLOW * width
+    is_slow_y = np.abs(tables.y) < SLOW * depth
+    along_y = tables.x == 0
     slack = _slack(world)
     safe_steps = np.full(len(case), float(MOST))
     rooms = []
-    for place, way, low, size, index, runs, through in (
-        (x, tables.x, area.x_min, width, column, world.runs[0], slow_x),
-        (y, tables.y, area.y_min, depth, row, world.runs[1], slow_y & upright),
+    for place, steps_of_cases, low, size, index, runs, goes_through in (
+        (x, tables.x, area.x_min, width, column, world.runs[0], is_slow_x),
+        (y, tables.y, area.y_min, depth, row, world.runs[1], is_slow_y & along_y),
     ):
-        by = way.take(case)
-        room = np.abs(low + (index + (by > 0)) * size - place) - slack
-        run = runs.take((by > 0) * runs.shape[1] + cell, mode="clip")
-        steps = (room + size * through.take(case) * run) / np.abs(by)
-        np.minimum(safe_steps, steps, where=by != 0, out=safe_steps)
+        step = steps_of_cases.take(case)
+        forward = step > 0
+        room = np.abs(low + (index + forward) * size - place) - slack
+        cells_ahead = runs.take(forward * runs.shape[1] + cell, mode="clip")
+        way = room + size * goes_through.take(case) * cells_ahead
+        np.minimum(safe_steps, way / np.abs(step), where=step != 0, out=safe_steps)
         rooms.append(room)
-    slanting = slow_x & slow_y & ~upright & (tables.y != 0)
-    (aslant,) = slanting.take(case).nonzero()
+    is_aslant = is_slow_x & is_slow_y & ~along_y & (tables.y != 0)
+    (aslant,) = is_aslant.take(case).nonzero()
     if len(aslant):
         ways = np.array([tables.x, tables.y])[:, case[aslant]]
         steps = _look_aslant(np.array(rooms)[:, aslant], ways, cell[aslant], world)

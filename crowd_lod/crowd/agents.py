@@ -76,6 +76,8 @@ class Group:
     center, radius: meters, the bounding sphere over the whole action. Its center lies on the
         agent's vertical axis, at the height `center` above the feet, so the sphere holds for every
         heading.
+    girth: meters, how far from its vertical axis the character reaches over the whole action; 0 if
+        that is not known.
     stride: meters walked in one cycle of the action; 0 if the action plays by time.
     period: seconds of one cycle.
     vertices, triangles: counts of each LOD mesh, finest first. A group with fewer LODs than others
@@ -130,6 +132,7 @@ class Group:
     excludes: tuple[str, ...] = ()
     way: float = field(default=0.0, compare=False, repr=False)
     height: float = field(default=0.0, compare=False, repr=False)
+    girth: float = 0.0
 
     @property
     def family(self) -> str:
@@ -152,7 +155,7 @@ class Group:
     def scaled(self, factor: float) -> "Group":
         """Return the group with all lengths multiplied by `factor`, as from units to meters."""
         lengths: dict[str, Any] = {}
-        for name in ("center", "radius", "stride", "diagonal", "lowest", "way", "height"):
+        for name in ("center", "radius", "stride", "diagonal", "lowest", "way", "height", "girth"):
             lengths[name] = getattr(self, name) * factor
         for name in ("deviations", "bounds", "rms", "shaded"):
             lengths[name] = tuple(length * factor for length in getattr(self, name))

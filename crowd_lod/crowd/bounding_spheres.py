@@ -1,4 +1,4 @@
-"""The bounding spheres of character groups: of their points, and for agents of all sizes."""
+"""The bounds of character groups: of their points, and for agents of all sizes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,21 +14,27 @@ class Spheres:
     """The groups' bounding spheres.
 
     center, radius, reach: (G,) float64, meters, as in Group.
+    girth: (G,) float64 meters: an agent stays within it of its vertical axis, and so do its LODs.
     """
 
     center: np.ndarray
     radius: np.ndarray
     reach: np.ndarray
+    girth: np.ndarray
 
 
 def spheres_of(groups: Sequence[Group]) -> Spheres:
     """Return the bounding spheres of `groups`, with one reach for all that an agent wears."""
     dressed = {group.variant_of for group in groups if group.slot}
     reach = {name: max(group.reach for group in groups if group.family == name) for name in dressed}
+    radius = np.array([group.radius for group in groups], np.float64)
+    reaches = np.array([reach.get(group.family, group.reach) for group in groups], np.float64)
+    girth = np.array([group.girth for group in groups], np.float64)
     return Spheres(
         np.array([group.center for group in groups], np.float64),
-        np.array([group.radius for group in groups], np.float64),
-        np.array([reach.get(group.family, group.reach) for group in groups], np.float64),
+        radius,
+        reaches,
+        np.where(girth > 0, girth + reaches - radius, reaches),
     )
 
 
@@ -63,7 +69,9 @@ def _cover_family(group: Group, family: Sequence[Group]) -> Group:
         return group
     low = min(member.center - member.radius for member in family)
     high = max(member.center + member.radius for member in family)
-    return replace(group, center=(low + high) / 2, radius=(high - low) / 2)
+    girths = [member.girth for member in family]
+    girth = max(girths) if all(girths) else 0.0
+    return replace(group, center=(low + high) / 2, radius=(high - low) / 2, girth=girth)
 
 
 def cover_sizes(group: Group) -> Group:
@@ -88,5 +96,6 @@ def cover_sizes(group: Group) -> Group:
         center=(low + high) / 2,
         radius=(high - low) / 2 + rounding * max(abs(low), abs(high)),
         diagonal=largest * group.diagonal,
+        girth=largest * group.girth,
         **lengths,
     )

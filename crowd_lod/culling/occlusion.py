@@ -1,6 +1,8 @@
-"""Which spheres opaque scenery hides from a camera: their rectangles on the map of depths."""
+"""Which bodies opaque scenery hides from a camera: their rectangles on the map of depths."""
 
 from dataclasses import dataclass
+from functools import reduce
+from itertools import product
 
 import numpy as np
 
@@ -25,6 +27,18 @@ class Rectangles:
     low: np.ndarray
     high: np.ndarray
     nearness: np.ndarray
+
+    def among(self, rows: np.ndarray) -> "Rectangles":
+        """Return the rectangles of these bodies, (k,) indices."""
+        return Rectangles(self.low[rows], self.high[rows], self.nearness[rows])
+
+    def common(self, other: "Rectangles") -> "Rectangles":
+        """Return the rectangles of what these bodies and the others have in common."""
+        return Rectangles(
+            np.maximum(self.low, other.low),
+            np.minimum(self.high, other.high),
+            np.minimum(self.nearness, other.nearness),
+        )
 
     def joined(self, other: "Rectangles") -> "Rectangles":
         """Return the rectangles of the convex hulls of these bodies and the others."""
@@ -60,12 +74,29 @@ class OcclusionMap:
         points: (m, 3) meters, their centers.
         radius: (m,) meters.
         """
-        body, *elsewhere = (
-            _rectangles(points, radius, each, self.grid.of_camera(each)) for each in self.cameras
+        return reduce(
+            Rectangles.joined,
+            (_of_spheres(points, radius, each, self.grid.of_camera(each)) for each in self.cameras),
         )
-        for rectangles in elsewhere:
-            body = body.joined(rectangles)
-        return body
+
+    def hides_agents(self, points: np.ndarray, radius: np.ndarray, girth: np.ndarray) -> np.ndarray:
+        """Return which agents no ray of the camera meets, (m,) bool.
+
+        points, radius: of their spheres, as in `rectangles`.
+        girth: (m,) meters, how far they reach from the vertical axis through `points`.
+        """
+        spheres = self.rectangles(points, radius)
+        hidden = self.hides(spheres)
+        rest = np.flatnonzero(~hidden & (girth < radius))
+        bodies = reduce(
+            Rectangles.joined,
+            (
+                _of_boxes(points[rest], radius[rest], girth[rest], each, self.grid.of_camera(each))
+                for each in self.cameras
+            ),
+        )
+        hidden[rest] = self.hides(bodies.common(spheres.among(rest)))
+        return hidden
 
     def hides(self, bodies: Rectangles) -> np.ndarray:
         """Return which of m bodies no ray of the camera meets, (m,) bool.
@@ -80,7 +111,7 @@ class OcclusionMap:
         return hidden
 
 
-def _rectangles(points: np.ndarray, radius: np.ndarray, camera: Camera, grid: Grid) -> Rectangles:
+def _of_spheres(points: np.ndarray, radius: np.ndarray, camera: Camera, grid: Grid) -> Rectangles:
     """Return the rectangles of spheres in the picture of one camera."""
     v = view_points(points, camera)
     reach, slack = reach_of(camera, tuple(v.T), np.zeros(0), radius)
@@ -104,4 +135,41 @@ def _rectangles(points: np.ndarray, radius: np.ndarray, camera: Camera, grid: Gr
         np.maximum((low - grid.low) * grid.scale, -FAR_OFF),
         np.minimum((high - grid.low) * grid.scale, FAR_OFF),
         nearness,
+    )
+
+
+def _of_boxes(
+    points: np.ndarray, radius: np.ndarray, girth: np.ndarray, camera: Camera, grid: Grid
+) -> Rectangles:
+    """Return the rectangles of upright boxes in the picture of one camera.
+
+    points: (m, 3) meters, their centers.
+    radius, girth: (m,) meters, half of their heights and of their other sides. These run along the
+        picture and away from it, and hold the agent at any heading.
+    """
+    v = view_points(points, camera)
+    reach, slack = reach_of(camera, tuple(v.T), np.zeros(0), radius)
+    up = reach + slack
+    aside = girth + (up - radius)
+    yaw = np.arctan2(camera.X[1], camera.X[0])
+    level = np.array([[np.cos(yaw), np.sin(yaw), 0], [-np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
+    sides = np.stack([aside, aside, up], axis=1)[:, :, None] * (
+        level @ np.array([camera.X, camera.Y, camera.Z]).T
+    )
+    corners = v + np.array(
+        [np.einsum("k,mkd->md", signs, sides) for signs in product((-1, 1), repeat=3)]
+    )
+    depth = corners[..., 2]
+    ahead = (depth > nearest_cut(camera)).all(axis=0)
+    flat = corners[..., :2]
+    nearness = -depth
+    if camera.kind != "ORTHO":
+        depth = np.where(ahead, depth, 1.0)
+        flat = flat / depth[..., None]
+        nearness = 1 / depth
+    flat = (flat - grid.low) * grid.scale
+    return Rectangles(
+        np.where(ahead[:, None], flat.min(axis=0), -FAR_OFF),
+        np.where(ahead[:, None], flat.max(axis=0), FAR_OFF),
+        np.where(ahead, nearness.max(axis=0), np.inf),
     )

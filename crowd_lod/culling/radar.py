@@ -98,9 +98,8 @@ def _look(
     v = tuple(place - origin for place, origin in zip(places, camera.origin, strict=True))
     depth = dot(v, camera.Z)
     ranged = options.radial or camera.kind == "PANO"
-    away = (
-        np.sqrt(dot(v, v)) if ranged or camera.turn else depth
-    )  # |v|, where something follows from it
+    # |v|, where something follows from it
+    away = np.sqrt(dot(v, v)) if ranged or camera.turn else depth
     if options.cull:
         reach, slack = reach_of(camera, v, away, r)
         if frustum is None:

@@ -6,7 +6,7 @@ overlap, cover a rectangle (Bender, Farach-Colton 2000).
 
 import numpy as np
 
-LONG = 4  # squares along a rectangle, at most; a longer one counts as wider
+LONG = 8  # squares along a rectangle, at most; a longer one counts as wider
 
 
 class RectangleMinima:

@@ -17,10 +17,10 @@ from ..connected_components import connected_components
 from .camera import GRAIN, Camera, Window, stretch
 from .occluders import Occluders
 
-ACROSS = 160  # cells along the longer side of the picture
+ACROSS = 224  # cells along the longer side of the picture
 # Cells are as many times as wide as high: below the horizon a cell shows much ground, of which the
 # farthest counts, and the feet of what stands on it.
-FLATTENED = 4
+FLATTENED = 3
 LEAST_CELLS = 3.0  # cells along both axes below which a component is not drawn
 FLAT = 1e-12  # part of its size cubed, below which a triangle is edge-on
 SLICE = 2.0  # times as far reaches each slice of depth

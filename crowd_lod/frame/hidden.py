@@ -68,8 +68,10 @@ def _hidden_agents(frame: Frame, maps: Sequence[Maps]) -> np.ndarray:
         crowd = frame.crowd if moment.time == frame.time else trajectory.at(moment.time)
         for film in films:
             points = np.stack(crowd.places(trajectory.spheres.center, agents), axis=1)
-            radius = moment.radius[crowd.group[agents]]
-            agents = agents[film.hides(film.rectangles(points, radius))]
+            group = crowd.group[agents]
+            radius = moment.radius[group]
+            girth = trajectory.spheres.girth[group] + radius - trajectory.spheres.reach[group]
+            agents = agents[film.hides_agents(points, radius, girth)]
     return agents
 
 

@@ -167,7 +167,7 @@ def _there(
     beside = GRAIN * max(np.abs(eye.origin).sum() for eye in moment.eyes)
     there = _There(crowd, spheres.center, moment.radius, beside)
     if box is not None:
-        there = replace(there, receivers=_joined(box, there))
+        there = replace(there, receivers=_box_about(box, there))
     if dated_blocks is None:
         return there
     since, blocks = dated_blocks
@@ -267,7 +267,7 @@ def _about(blocks: Blocks, volume: Frustum, light: Light | None) -> float:
     return (1 + volume.turn) * (about + away[away < BEYOND * about].max(initial=0.0))
 
 
-def _joined(box: np.ndarray, there: _There) -> np.ndarray:
+def _box_about(box: np.ndarray, there: _There) -> np.ndarray:
     """Return the box (2, 3) about `box` and the crowd: shadows fall on agents, too."""
     center = there.center
     radius = there.radius.max()

@@ -141,7 +141,7 @@ def _by_blocks(task: Task, since: int, blocks: Blocks) -> Sorted:
     """
     group = task.crowd.group
     dropped = 0 if blocks.finite else task.lost()
-    decided, places = _decided(task, since, blocks)
+    decided, places = _decide_blocks(task, since, blocks)
     agents = blocks.rows[decided.open_blocks[places // LEAF], places % LEAF]
     visible, distance = _radar(task, agents)
     task.ticks.append(clock.perf_counter())
@@ -156,7 +156,7 @@ def _by_blocks(task: Task, since: int, blocks: Blocks) -> Sorted:
     return Sorted(buckets, dropped, task.trajectory.left_out, counted)
 
 
-def _decided(task: Task, since: int, blocks: Blocks) -> tuple[BlockDecisions, np.ndarray]:
+def _decide_blocks(task: Task, since: int, blocks: Blocks) -> tuple[BlockDecisions, np.ndarray]:
     """Return what the blocks, made at frame `since`, decide, and the open places."""
     policy = task.request.policy
     radius = task.moments[0].radius

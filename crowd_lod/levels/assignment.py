@@ -141,19 +141,18 @@ def limits(
     """
     groups = len(radius)
     steps = len(policy.thresholds)
-    # begin anywhere, for no finer LOD is there
-    always = np.arange(steps) < np.array(policy.finest or (0,))[:, None]
+    # a LOD that is the group's finest begins anywhere
+    is_finest = np.arange(steps) < np.array(policy.finest or (0,))[:, None]
     own = dict(enumerate(policy.group_thresholds))
-    table = np.array([own.get(g) or policy.thresholds for g in range(groups)], np.float64).reshape(
-        groups, steps
-    )
+    rows = [own.get(g) or policy.thresholds for g in range(groups)]
+    thresholds = np.array(rows, np.float64).reshape(groups, steps)
     if policy.metric != "PIXELS" or not steps:
-        return np.where(always, -np.inf, camera.far * table)
+        return np.where(is_finest, -np.inf, camera.far * thresholds)
     pixels: np.ndarray | float
     nearest: np.ndarray | float
     if policy.tolerance is None:
         length = 2 * radius[:, None]
-        pixels = table
+        pixels = thresholds
         nearest = 0.0
     elif deviation is None:
         raise CrowdError(
@@ -169,7 +168,7 @@ def limits(
         if camera.kind == "ORTHO"
         else pixels_shown / pixels + nearest
     )
-    return np.maximum.accumulate(np.where(always, -np.inf, begin), axis=1)
+    return np.maximum.accumulate(np.where(is_finest, -np.inf, begin), axis=1)
 
 
 def grain(begins: np.ndarray, camera: Camera, radius: np.ndarray) -> np.ndarray:

@@ -133,9 +133,8 @@ def _render_steps(job: FarmJob) -> list[Step]:
     scene = "{{Param.Scene}}"
     folder = "{{Param.OutputDir}}"
     baked = "{{Param.BakedFile}}"
-    frames = (
-        "--frames={{Param.FirstFrame}}:{{Param.LastFrame}}"  # one word: it may begin with a minus
-    )
+    # one word: it may begin with a minus
+    frames = "--frames={{Param.FirstFrame}}:{{Param.LastFrame}}"
     stepped = (frames, "--step", "{{Param.Step}}")
     bake = (
         "build",

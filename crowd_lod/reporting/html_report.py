@@ -17,6 +17,7 @@ from ..format import number
 from ..validation.shaded_pictures import WITHIN
 from . import state_graph
 
+METHODS = {"POSE_AWARE": "Pose-Aware", "DECIMATE": "Decimate"}  # as the sidebar names them
 STYLE = """
 :root { color-scheme: light dark; --ink: #1d2026; --dim: #646b78; --paper: #fafbfc; --card: #fff;
   --line: #dde1e7; --best: #2a6fdb }
@@ -65,14 +66,16 @@ def parts_of(plan: dict) -> list[str]:
     rows = plan["frames"]
     levels = plan["levels"]
     tints = [css_of(tint) for tint in levels["tints"]]
+    verdict = plan["preview"]["verdict"]
     parts = [
         f"<h1>{name_of(plan)}</h1><p>Crowd LOD {escape(plan['made_with']['crowd_lod'])}, Blender "
         f"{escape(plan['made_with']['blender'])}. "
         f"{escape(_rule(levels))}</p>",
+        f'<p class="verdict">{escape(verdict)}</p>' if verdict else "",
         cards(_figures(rows, len(tints))),
         f"<p>{escape(plan['trouble_says'])}</p>" if plan["trouble_says"] else "",
         '<section><a href="contact_sheet.png"><img src="contact_sheet.png" '
-        f'alt="All frames, tinted by LOD and from above"></a><p>{_legend(tints)}</p></section>',
+        'alt="All frames, from the camera and from above"></a></section>',
         "<h2>Levels of detail</h2>",
         f"<p>Deviation is the largest distance between the surfaces of LOD and character, both "
         f"ways, over the action: "
@@ -153,15 +156,6 @@ def cards(figures: Sequence[tuple[str, str]]) -> str:
     )
 
 
-def _legend(tints: Sequence[str]) -> str:
-    """Return the colors of the LODs, as HTML."""
-    dots = (
-        f'<span class="dot" style="background:{tint}"></span>LOD {k}'
-        for k, tint in enumerate(tints)
-    )
-    return "Where pictures are tinted by LOD: " + " &ensp; ".join(dots)
-
-
 def _rule(levels: dict) -> str:
     """Return how LODs were chosen, in words."""
     if levels["tolerance"] is not None:
@@ -170,9 +164,11 @@ def _rule(levels: dict) -> str:
             if levels.get("shading_counts")
             else ""
         )
+        limits = levels["budget"]
+        budget = f", or by what the budget asks for ({limits})" if limits else ""
         return (
             f"LODs are chosen so that no surface lies off its character's by more than "
-            f"{levels['tolerance']:g} pixels{shading}."
+            f"{levels['tolerance']:g} px{shading}{budget}."
         )
     by = {"AXIS": "depth", "RADIAL": "distance from the camera", "PIXELS": "size in pixels"}[
         levels["metric"]
@@ -216,7 +212,7 @@ def _character(entry: dict, tints: Sequence[str]) -> str:
                     None if row["picture_difference"] is None else 100 * row["picture_difference"]
                 ),
                 number(row["picture_similarity"]),
-                f'<span title="{escape(row["why"] or "")}">{escape(row["method"] or "-")}</span>',
+                f'<span title="{escape(row["why"] or "")}">{_method_of(row)}</span>',
                 number(row["ms"]),
             ]
         )
@@ -227,6 +223,11 @@ def _character(entry: dict, tints: Sequence[str]) -> str:
         else ""
     )
     return f"<section><h3>{name}</h3>{picture}{table_of(head, rows)}</section>"
+
+
+def _method_of(row: dict) -> str:
+    """Return the name of the method that made a LOD, as HTML."""
+    return escape(METHODS.get(row["method"], row["method"]) or "-")
 
 
 def list_of(title: str, sentences: Sequence[str]) -> str:

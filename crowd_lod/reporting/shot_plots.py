@@ -183,7 +183,7 @@ def _error_plot(curve: Curve, agents: int) -> str:
             if point.error > 0:
                 part = 100 * getattr(point, key)
                 says = (
-                    f"{point.kind}: {part:.1f} % of the {key}, {number(point.error)} pixels, "
+                    f"{point.kind}: {part:.1f}% of the {key}, {number(point.error)} pixels, "
                     f"{point.switches:,} switches"
                 )
                 marks.append(

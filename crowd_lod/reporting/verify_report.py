@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from html import escape
 
 from ..format import number
-from ..validation.render_proof import verdict, worst_agents
+from ..validation.render_proof import describe_difference, verdict, worst_agents
 from .html_report import STYLE, cards, document, list_of, table_of
 
 COLUMNS = (
@@ -98,7 +98,7 @@ def _worst_of(frame: int, agents: Sequence[dict]) -> str:
     name = f"frame_{frame:04d}_agents.png"
     worst = [agents[k] for k in worst_agents(agents)]
     rows = "; ".join(
-        f"agent {agent['agent']:,} at LOD {agent['lod']}, {number(agent['shift_px'])} px off"
+        f"agent {agent['agent']:,} at LOD {agent['lod']}, {describe_difference(agent)}"
         for agent in worst
     )
     return (

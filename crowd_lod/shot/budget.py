@@ -111,7 +111,7 @@ def decide_within(
     """
     limits = _limits(shot, budget)
     _check(shot, limits)
-    plan = yield from share(decide(shot, avoid), 0.0, 0.1)
+    plan = yield from share(decide(shot, avoid), 0.0, 1.0 if budget == Budget() else 0.1)
     thresholds = plan.thresholds
     tolerance = 0.0
     bound = plan.bound

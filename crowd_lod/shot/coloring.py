@@ -4,7 +4,7 @@ Drawn at random, a part 1 / C of all close neighbors is in step. Chosen, four cl
 step than sixteen at random do.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from ..animation.phase_classes import Gaits
 from ..crowd.agents import CLASSES, FEWEST_CLASSES
-from ..progress import breath
+from ..progress import searched, share
 from .meetings import Changes, Meetings, changes_of, meetings_of
 from .phases import NEAREST, Phases, palette
 from .survey import SEEN, Survey
@@ -20,6 +20,7 @@ from .survey import SEEN, Survey
 VARIETY = 0.05  # of close neighbors, at most, in step: about what CLASSES random classes leave
 WHOLE = 3  # times a palette of FEWEST_CLASSES is doubled: it then has all CLASSES
 MOST_ROUNDS = 40  # of recoloring; some ten suffice where agents meet few others
+ROUNDS = 60  # of all recolorings of a shot: half of the progress
 LITTLE = 2e-4  # of the weight of all meetings: a round that gains no more is the last
 # Times the tolerance, in pixels, by which a change of class may move a foot. Of near agents it may
 # move it by half of one of the CLASSES classes, as a change of pace does anyway.
@@ -61,8 +62,10 @@ def plan_phases(
     variety: float = VARIETY,
     fixed: np.ndarray | None = None,
     wearer: np.ndarray | None = None,
-) -> PhasePlan:
-    """Return the fewest classes of each block with which few neighbors are in step.
+) -> Generator[float, None, PhasePlan]:
+    """Find the fewest classes of each block with which few neighbors are in step.
+
+    Yields the progress, returns the plan.
 
     strides: of strides_of. tolerance: pixels; None counts as one.
     variety: the part of all close neighbors that may be in step.
@@ -89,8 +92,10 @@ def plan_phases(
     def crowded(phases: Phases) -> np.ndarray:
         return _crowded(meetings, phases, family, variety)
 
-    phases = _in_few_classes(meetings, changes, limit, fixed, family, crowded)
-    phases = _near_in_fewer(survey, meetings, phases, fixed, crowded)
+    fewest = _in_few_classes(meetings, changes, limit, fixed, family, crowded)
+    phases = yield from share(searched(fewest, ROUNDS), 0.0, 0.75)
+    nearing = _near_in_fewer(survey, meetings, phases, fixed, crowded)
+    phases = yield from share(searched(nearing, MOST_ROUNDS), 0.75, 1.0)
     if wearer is not None:
         phases = replace(phases, shift=phases.shift[wearer], finer=phases.finer[wearer])
     return PhasePlan(
@@ -114,8 +119,8 @@ def _in_few_classes(
     fixed: np.ndarray,
     family: np.ndarray,
     crowded: Callable[[Phases], np.ndarray],
-) -> Phases:
-    """Return phases in the fewest classes with which no block is crowded.
+) -> Generator[None, None, Phases]:
+    """Return phases in the fewest classes with which no block is crowded; yield after each round.
 
     Blocks begin with FEWEST_CLASSES; those that are crowded take one more, until none is.
     limit: (m,) pixels by which each of `changes` may move a foot.
@@ -128,9 +133,9 @@ def _in_few_classes(
     to_color = np.ones(len(family), bool)
     while to_color.any():
         theirs = meetings.of(to_color[meetings.block[:, 0]])
-        phases = color(theirs, replace(phases, counts=counts), fixed)
+        phases = yield from color(theirs, replace(phases, counts=counts), fixed)
         while (jumping := changes.jumps(phases) > limit).any():
-            phases = color(theirs, changes.refined(phases, jumping), fixed)
+            phases = yield from color(theirs, changes.refined(phases, jumping), fixed)
         to_color = crowded(phases) & (counts < CLASSES)
         counts = counts + to_color
     return phases
@@ -142,14 +147,16 @@ def _near_in_fewer(
     phases: Phases,
     fixed: np.ndarray,
     crowded: Callable[[Phases], np.ndarray],
-) -> Phases:
+) -> Generator[None, None, Phases]:
     """Return `phases` with FEWEST_CLASSES classes of near agents, where no block is crowded then.
 
+    Yields after each round.
     Near are those that ever need the first LOD of NEAR, or a finer one, with which that holds.
     """
     for finest in NEAR:
         near = _nearest_agents(survey, finest) & (phases.finer == 0)
-        sharing = color(meetings, _moved_to_few(survey, phases, near), fixed, near)
+        few = _moved_to_few(survey, phases, near)
+        sharing = yield from color(meetings, few, fixed, near)
         if not crowded(sharing).any():
             return sharing
     return phases
@@ -202,8 +209,10 @@ def color(
     phases: Phases,
     fixed: np.ndarray | None = None,
     near: np.ndarray | None = None,
-) -> Phases:
+) -> Generator[None, None, Phases]:
     """Return `phases` with other shifts, with which fewer of the meetings are in step.
+
+    Yields after each round.
 
     fixed: (n,) bool, agents that keep their shift; None for nobody.
     near: (n,) bool, agents that take FEWEST_CLASSES classes of their palette; None for nobody.
@@ -219,7 +228,7 @@ def color(
         options[:, is_fixed] = phases.shift[sides.agents[is_fixed]]
     shift = phases.shift[sides.agents]
     for _ in range(MOST_ROUNDS):
-        breath()
+        yield
         if _take_better(shift, sides, options) <= LITTLE * sides.weight.sum():
             break
     all_shifts = phases.shift.copy()

@@ -37,8 +37,7 @@ def _errors_at(frame: Frame, agents: np.ndarray, levels: np.ndarray) -> np.ndarr
     if not all(len(group.bounds) >= count for group in groups):
         return None
     bounds = np.array([group.bounds[:count] for group in groups], np.float64)
-    scale = scale_of(frame, agents).astype(np.float64)
-    return scale * bounds[frame.crowd.group[agents], levels]
+    return scale_of(frame, agents) * bounds[frame.crowd.group[agents], levels]
 
 
 def _nearest(frame: Frame) -> list[int]:

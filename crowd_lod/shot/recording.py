@@ -3,13 +3,13 @@
 import mmap
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
 
 from ..animation.phase_classes import Library, Roles
-from ..culling.radar import BLOCK, RadarOptions, radar
+from ..culling.radar import RadarOptions, radar
 from ..errors import CrowdError
 from ..frame.frame import Frame
 from ..progress import breath
@@ -18,7 +18,7 @@ from .cells import Cells
 from .neighbors import close_pairs
 from .survey import CULLED, MIRRORED, SEEN, SHADOW, Encounters, Survey, coarsest_within
 
-EVERYONE = RadarOptions(cull=False)  # only their distances are asked for
+DISTANCES = RadarOptions(cull=False)
 MOST_SCALE = float(np.finfo(np.float16).max)
 # Neighbors are looked for in every MEET_EVERY-th frame, among agents at LODs up to MEET_LEVEL, in
 # meters.
@@ -57,6 +57,7 @@ class Recording:
 
     bounds: (G, K) meters, of the LODs, where `blurred` is above 0.
     library: the characters that agents show.
+    meters: that a unit of the frames' crowd is.
     records: of the frames so far.
     The other fields are those of Survey.
     """
@@ -67,6 +68,7 @@ class Recording:
     owner: np.ndarray
     library: Library
     roles: Roles | None = None
+    meters: float = 1.0
     blurred: float = 0.0
     bounds: np.ndarray | None = None
     records: list[Record] = field(default_factory=list)
@@ -244,7 +246,7 @@ def _record(
     is_seen = present_kinds == SEEN
     seen_agents = agents[is_seen]
     scale = np.zeros(len(agents), np.float16)
-    scale[is_seen] = scale_of(frame, seen_agents)
+    scale[is_seen] = _rounded_up(scale_of(frame, seen_agents) / recording.meters)
     if recording.blurred:
         assert recording.bounds is not None
         blur = blur_of(frame, seen_agents)
@@ -293,7 +295,7 @@ def _close(
     """Return the encounters of `agents` (m,), of which each has a scale and a character, (m,)."""
     roles = recording.roles
     assert roles is not None
-    place = np.column_stack(frame.crowd.places(agents=agents))
+    place = recording.meters * np.column_stack(frame.crowd.places(agents=agents))
     most = MOST_MEETINGS * MEET_EVERY // len(recording.times)
     family = roles.family[roles.block[character]]
     pairs, apart = close_pairs(place, family, MEET_REACH, most)
@@ -315,38 +317,38 @@ def _clipped_between(frame: Frame, before: Frame | None) -> tuple[np.ndarray, np
 
 
 def _clipped(frame: Frame, agents: np.ndarray) -> np.ndarray:
-    """Return those of `agents` (m,) that the near or far clip culls in the frame."""
+    """Return those of `agents` (m,) that the near or far clip alone culls in the frame.
+
+    Not who stands beside the picture, or behind the camera.
+    """
     camera = frame.camera
     spheres = frame.trajectory.spheres
+    near = -np.inf if camera.kind == "ORTHO" else 0.0
+    unclipped = replace(camera, near=near, far=np.inf)
+    is_inside, depth = radar(frame.crowd, unclipped, spheres.center, spheres.reach, agents=agents)
     reach = spheres.reach[frame.crowd.group[agents]]
-    _, depth = radar(frame.crowd, camera, spheres.center, spheres.reach, EVERYONE, agents)
-    return agents[(depth + reach < camera.near) | (depth - reach > camera.far)]
+    is_clipped = (depth + reach < camera.near) | (depth - reach > camera.far)
+    return agents[is_inside & is_clipped]
 
 
 def scale_of(frame: Frame, agents: np.ndarray) -> np.ndarray:
-    """Return how many pixels a meter shows at most of each of `agents` (m,), (m,) float16.
+    """Return how many pixels a unit shows at most of each of `agents` (m,), (m,) float64.
 
-    It is that of levels.assignment.shown, the most of all eyes, and rounded up. No part
-    counts as nearer than the near clip.
+    It is that of levels.assignment.shown, the most of all eyes. No part counts as nearer than the
+    near clip.
     """
     camera = frame.camera
     spheres = frame.trajectory.spheres
     if camera.kind == "ORTHO":
-        return np.full(len(agents), _rounded_up(np.array([camera.pixels_per_unit]))[0])
+        return np.full(len(agents), camera.pixels_per_unit)
     crowd = frame.crowd
-    scale = np.empty(len(agents), np.float16)
-    distances = [
-        radar(crowd, eye, spheres.center, spheres.reach, EVERYONE, agents)[1] for eye in frame.eyes
-    ]
-    for begin in range(0, len(agents), BLOCK):
-        block = slice(begin, begin + BLOCK)
-        radius = spheres.radius[crowd.group[agents[block]]]
-        most = np.zeros(len(radius))
-        for eye, distance in zip(frame.eyes, distances, strict=True):
-            nearest = np.maximum(distance[block] - radius, max(eye.near, 1e-9))
-            ahead = distance[block] > -radius
-            np.maximum(most, eye.pixels_per_unit / nearest, out=most, where=ahead)
-        scale[block] = _rounded_up(most)
+    radius = spheres.radius[crowd.group[agents]]
+    scale = np.zeros(len(agents))
+    for eye in frame.eyes:
+        _, distance = radar(crowd, eye, spheres.center, spheres.reach, DISTANCES, agents)
+        nearest = np.maximum(distance - radius, max(eye.near, 1e-9))
+        is_ahead = distance > -radius
+        np.maximum(scale, eye.pixels_per_unit / nearest, out=scale, where=is_ahead)
     return scale
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from ..levels.cost_model import NAMES, Work, price
 from .shot_cost import Shot
-from .survey import CULLED, MIRRORED, SHADOW
+from .survey import CULLED, MIRRORED, SEEN, SHADOW, Survey
 
 
 def unneeded(shot: Shot, agents: np.ndarray, names: list[str]) -> list[str]:
@@ -60,6 +60,14 @@ def needed_meshes(shot: Shot, seen_agents: np.ndarray) -> np.ndarray:
     is_unseen = (survey.kind == SHADOW) | (survey.kind == MIRRORED)
     needed[survey.coarsest[is_unseen], survey.character[is_unseen]] = True
     return needed
+
+
+def seen_characters(survey: Survey) -> np.ndarray:
+    """Return which characters an agent shows in sight, (L,) bool."""
+    is_seen = np.zeros(len(survey.owner), bool)
+    for _, character, kind in survey.cells.tables(survey.character, survey.kind):
+        is_seen[character[kind == SEEN]] = True
+    return is_seen
 
 
 def _saves(shot: Shot, triangles: float) -> str:

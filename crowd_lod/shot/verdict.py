@@ -88,7 +88,7 @@ def _clipped(
     agents = rows["agent"][(rows["frame"] == frame) & (appears == appear)]
     f = int(np.searchsorted(survey.numbers, frame))
     camera = cameras[f]
-    between = camera.pixels_per_unit / np.sqrt(max(camera.near, 1e-9) * camera.far)
+    between = camera.pixels_per_unit / np.sqrt(max(camera.near, 1e-9) * camera.far) / meters
     scale = survey.scale[survey.cells.at(f if appear else f - 1, agents)]
     is_near = bool(np.median(scale) > between)
     clip, reach = ("near", camera.near) if is_near else ("far", camera.far)

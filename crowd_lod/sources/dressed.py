@@ -12,6 +12,7 @@ from ..crowd.leave_outs import LeftOut, needless_of_places
 from ..crowd.velocity_bounds import VelocityBounds
 from ..crowd.wardrobe import draw_parts, slots_of
 from .around import AroundTrajectory
+from .reused_columns import ReusedColumns
 from .trajectory import Trajectory
 
 
@@ -41,8 +42,7 @@ class Dressed(AroundTrajectory):
             self.ids = np.concatenate([base.ids, np.full(len(wearer), -1)])
         if base.given_phases is not None:
             self.given_phases = base.given_phases[self.wearer]
-        # by name: the wearers' column, and that of all, which is reused while the first is the same
-        self._columns: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+        self._columns = ReusedColumns()
         self.start = self._of(base.start)
         self.leave = base.leave
         behavior = {item for item in base.left_out if item.stage == "behavior"}
@@ -115,9 +115,4 @@ class Dressed(AroundTrajectory):
         return Crowd(**(columns | {"group": self._group}))
 
     def _column(self, name: str, wearers: np.ndarray) -> np.ndarray:
-        cached = self._columns.get(name)
-        if cached is not None and cached[0] is wearers:
-            return cached[1]
-        column = wearers[self.wearer]
-        self._columns[name] = wearers, column
-        return column
+        return self._columns.of(name, [wearers], lambda column: column[self.wearer])

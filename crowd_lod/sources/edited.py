@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from ..crowd.leave_outs import LeftOut, needless_of_places
 from ..crowd.maps import Area
 from ..crowd.velocity_bounds import VelocityBounds
 from .around import AroundTrajectory
+from .reused_columns import ReusedColumns
 from .trajectory import Trajectory
 
 
@@ -68,8 +68,7 @@ class Edited(AroundTrajectory):
         self.seconds_per_frame = base.seconds_per_frame
         self.every = base.every
         self.first_frame = base.first_frame
-        # by name: the inputs of a column, and the column, which is reused while they are the same
-        self._columns: dict[str, tuple[list[Any], np.ndarray]] = {}
+        self._columns = ReusedColumns()
         self.start = self._of(base.start)
         self.leave = base.leave
         behavior = {item for item in base.left_out if item.stage == "behavior"}
@@ -122,30 +121,21 @@ class Edited(AroundTrajectory):
         """Return `crowd`, of the trajectory without edits, with them."""
         columns = {}
         if len(self._moved):
-            columns["x"] = self._column("x", [crowd.x], lambda x: self._shift(x, 0))
-            columns["y"] = self._column("y", [crowd.y], lambda y: self._shift(y, 1))
+            columns["x"] = self._columns.of("x", [crowd.x], lambda x: self._shift(x, 0))
+            columns["y"] = self._columns.of("y", [crowd.y], lambda y: self._shift(y, 1))
             aside = replace(crowd, **columns)
             parts = [crowd.x, crowd.y, crowd.z]
-            columns["z"] = self._column("z", parts, lambda *_: self._raise(aside))
+            columns["z"] = self._columns.of("z", parts, lambda *_: self._raise(aside))
         if len(self._turned):
-            columns["heading"] = self._column("heading", [crowd.heading], self._rotate)
+            columns["heading"] = self._columns.of("heading", [crowd.heading], self._rotate)
         visible = self._visible
         if visible is not None:
-            columns["present"] = self._column(
+            columns["present"] = self._columns.of(
                 "present",
                 [crowd.present],
                 lambda present: visible if present is None else present & visible,
             )
         return replace(crowd, **columns) if columns else crowd
-
-    def _column(self, name: str, parts: list[Any], make: Callable[..., np.ndarray]) -> np.ndarray:
-        """Return what `make` makes of the `parts`; the same array where the parts are the same."""
-        cached = self._columns.get(name)
-        if cached is not None and all(a is b for a, b in zip(cached[0], parts, strict=True)):
-            return cached[1]
-        column = make(*parts)
-        self._columns[name] = parts, column
-        return column
 
     def _shift(self, column: np.ndarray, axis: int) -> np.ndarray:
         column = column.copy()

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from ..crowd.paces import Paces
 from ..crowd.velocity_bounds import STANDING, VelocityBounds
 from ..errors import CrowdError
 from ..progress import share
+from .reused_columns import ReusedColumns
 from .trajectory import States, Trajectory
 
 MOST = 256  # states, and paces, of all crowds together: they are counted in a byte
@@ -50,8 +50,7 @@ class Several(Trajectory):
         self._begins = np.append(0, np.cumsum(counts)).tolist()
         self._offsets = self._number_offsets()
         self.gaits = self._gaits()
-        # by name: the inputs of a column, and the column, which is reused while they are the same
-        self._columns: dict[str, tuple[list[Any], np.ndarray]] = {}
+        self._columns = ReusedColumns()
         self._absent = [np.zeros(count, bool) for count in counts]
         self._all_there = [np.ones(count, bool) for count in counts]
         self._unfaded = [np.ones(count, np.float32) for count in counts]
@@ -260,19 +259,18 @@ class Several(Trajectory):
         return self._all_there[k] if crowd.present is None else crowd.present
 
     def _column(self, name: str, parts: list[np.ndarray]) -> np.ndarray:
-        """Return the members' columns as one; the same array where the parts are the same."""
-        cached = self._columns.get(name)
-        if cached is not None and all(a is b for a, b in zip(cached[0], parts, strict=True)):
-            return cached[1]
+        """Return the members' columns as one."""
         offsets = self._offsets.get(name, [0] * len(parts))
-        column = np.concatenate(
-            [
-                part + part.dtype.type(offset) if offset else part
-                for part, offset in zip(parts, offsets, strict=True)
-            ]
-        )
-        self._columns[name] = parts, column
-        return column
+
+        def join(*parts: np.ndarray) -> np.ndarray:
+            return np.concatenate(
+                [
+                    part + part.dtype.type(offset) if offset else part
+                    for part, offset in zip(parts, offsets, strict=True)
+                ]
+            )
+
+        return self._columns.of(name, parts, join)
 
     def _by_member(
         self, agents: np.ndarray, ask: Callable, dtype: type, width: int = 0

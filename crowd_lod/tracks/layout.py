@@ -106,9 +106,8 @@ def _head_of(data: bytearray, where: str) -> _Head:
             titles = _split_titles(text)
             if not {"x", "y"} <= columns_of(titles).keys():
                 break
-        elif not _numeric(text) and not _numeric_places(
-            text, titles
-        ):  # a row of units below the titles
+        # a row of units below the titles
+        elif not _numeric(text) and not _numeric_places(text, titles):
             titles = [
                 f"{title}/{unit}"
                 for title, unit in zip(titles, [*_split(text), *[""] * len(titles)], strict=False)

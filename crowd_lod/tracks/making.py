@@ -1,17 +1,14 @@
 """From rows of a file to tracks."""
 
-from collections.abc import Callable
 from dataclasses import fields
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from ..errors import CrowdError
 from ..format import counted
-from ..progress import at_once, breath
+from ..progress import breath
 from . import motion
-from .order import number_ids, order_by
 from .rows import ASKED, UNITS, Rows
 from .samples import TrackSamples
 from .tracks import Tracks
@@ -28,7 +25,7 @@ def tracks_of(rows: Rows, where: str) -> Tracks:
     where: the file, for messages.
     CrowdError if an agent is twice in a frame, or moves faster than anybody can.
     """
-    ids, agent = number_ids(rows.id)
+    ids, agent = np.unique(rows.id, return_inverse=True)
     columns = _by_agent(rows, agent.astype(np.int32))
     breath()
     agent = columns["agent"]
@@ -43,17 +40,9 @@ def tracks_of(rows: Rows, where: str) -> Tracks:
     hidden = seconds > max(HIDES, 1.5 * step / rows.rate)
     crossed = int(np.count_nonzero(elapsed > 1.5 * step)) - int(hidden.sum())
     breath()
-    move = partial(
-        _moving,
-        columns | {"time": frame / rows.rate},
-        enters,
-        seconds,
-        hidden,
-        ids,
-        step / rows.rate,
-    )
-    check = partial(_check_speeds, ids, columns, seconds, rows, where)
-    _, (motion_columns, paces) = at_once(_call, ((check,), (move,)))
+    _check_speeds(ids, columns, seconds, rows, where)
+    timed = columns | {"time": frame / rows.rate}
+    motion_columns, paces = _moving(timed, enters, seconds, hidden, ids, step / rows.rate)
     breath()
     order, classes = _in_classes(frame, elapsed, step)
     place = np.empty(len(order), np.int32)
@@ -79,7 +68,7 @@ def tracks_of(rows: Rows, where: str) -> Tracks:
         paces,
         rows.phase is not None,
         None if rows.group is None else columns["group"][enters],
-        _told(rows, len(ids), (float(frame.min()), float(frame.max())), crossed, hidden),
+        _describe_gaps(rows, len(ids), (float(frame.min()), float(frame.max())), crossed, hidden),
     )
 
 
@@ -93,23 +82,12 @@ def _by_agent(rows: Rows, agent: np.ndarray) -> dict[str, np.ndarray]:
     frame = rows.frame
     ahead = np.diff(agent)
     if len(agent) > 1 and not ((ahead > 0) | ((ahead == 0) & (np.diff(frame) >= 0))).all():
-        order = order_by(agent, order_by(frame))
-        columns = _taken(columns, order)
+        columns = _taken(columns, np.lexsort((frame, agent)))
     return columns
 
 
 def _taken(columns: dict[str, np.ndarray], order: np.ndarray) -> dict[str, np.ndarray]:
-    return dict(
-        zip(
-            columns,
-            at_once(lambda column: column[order], ((column,) for column in columns.values())),
-            strict=True,
-        )
-    )
-
-
-def _call(work: Callable[[], Any]) -> Any:
-    return work()
+    return {name: column[order] for name, column in columns.items()}
 
 
 def _check_once(
@@ -218,7 +196,7 @@ def _in_classes(
     at = 0
     for number in np.flatnonzero(np.bincount(classes)):
         rows = np.flatnonzero(classes == number)
-        orders.append(order_by(frame, rows))
+        orders.append(rows[np.argsort(frame[rows], kind="stable")])
         # a little more, for rounding; samples that do not hold then are left out when asked for
         longest = max(float(passed[rows].max()), step) * (1 + 1e-9)
         classes_found.append((at, at + len(rows), longest))
@@ -226,7 +204,7 @@ def _in_classes(
     return np.concatenate(orders), tuple(classes_found)
 
 
-def _told(
+def _describe_gaps(
     rows: Rows, agents: int, frames: tuple[float, float], crossed: int, hidden: np.ndarray
 ) -> str:
     long = int(hidden.sum())

@@ -161,10 +161,10 @@ def read_tracks(
         notes += ("It tells no frame rate: each of its frames is one of the scene's.",)
     rows = replace(rows, rate=rate or rows.rate or usual, notes=notes)
     tell(0.6)
-    return tracks_of(_standing(rows), printable(path))
+    return tracks_of(_set_on_feet(rows), printable(path))
 
 
-def _standing(rows: Rows) -> Rows:
+def _set_on_feet(rows: Rows) -> Rows:
     """Return `rows` with heights of feet.
 
     Those that PeTrack gives are of heads, and many files give zeros.

@@ -16,7 +16,6 @@ import numpy as np
 from ..errors import CrowdError
 from ..progress import breath
 from .layout import ENDS, LONGEST_LINE, Table, layout_of, long_line, split_row
-from .order import number_ids, order_by
 from .rows import GREATEST, RATES, Rows, check_range, check_rate
 
 BYTES_AT_ONCE = 2**20  # bytes that are read at a time
@@ -102,7 +101,7 @@ def _with_ends(columns: dict[str, Any]) -> dict[str, Any]:
     """
     if not set(ENDS.values()) <= columns.keys():
         return columns
-    last = order_by(columns["id"], order_by(columns["time"]))
+    last = np.lexsort((columns["time"], columns["id"]))
     last = last[np.append(np.diff(columns["id"][last]) != 0, True)]
     last = last[columns["endtime"][last] > columns["time"][last]]
     joined = {}
@@ -300,9 +299,8 @@ def _step(columns: dict[str, Any]) -> float:
     """
     if not ((columns["id"] == np.rint(columns["id"])) & (np.abs(columns["id"]) < 2.0**53)).all():
         return np.inf
-    ids, agent = number_ids(columns["id"].astype(np.int64))
-    order = order_by(agent, order_by(columns["frame"]))
-    same = np.diff(agent[order]) == 0
+    order = np.lexsort((columns["frame"], columns["id"]))
+    same = np.diff(columns["id"][order]) == 0
     if not same.any():
         return np.inf
     return float(np.median(np.hypot(*(np.diff(columns[axis][order])[same] for axis in "xy"))))

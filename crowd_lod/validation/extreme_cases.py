@@ -172,10 +172,10 @@ def table(most: int = 10_000_000, seed: int = 0) -> Iterator[Row]:
         )
         levels = np.bincount(ids[visible], minlength=policy.count)
         yield Row(case.name, verdict, spent, "visible by LOD " + " ".join(f"{n:,}" for n in levels))
-    yield _lost(seed)
+    yield _judge_lost(seed)
 
 
-def _lost(seed: int) -> Row:
+def _judge_lost(seed: int) -> Row:
     camera, points, radius, group = _spread(camera_of())(np.random.default_rng(seed))
     points[[7, 90, 4]] = [[np.nan, 0, 0], [0, np.inf, 0], [0, 0, -np.inf]]
     crowd = standing_crowd(points, group)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from ..format import counted
+from ..format import counted, number
 
 # kinds of builds that the scene had before the proof
 BUILDS = {"bake": "the bake", "build": "the build"}
@@ -38,6 +38,18 @@ def worst_agents(agents: Sequence[dict]) -> list[int]:
         range(len(agents)), key=lambda k: (agents[k]["ok"] is not False, -agents[k]["shift_px"])
     )
     return order[:MOST_SHOWN]
+
+
+def describe_difference(agent: dict) -> str:
+    """Return by how much an agent is off: its silhouette, or its color if that is what is wrong."""
+    if agent["ok"] is False and not _shifts_too_far(agent):
+        return f"color {agent['color_off']:.0%} off"
+    return f"{number(agent['shift_px'])} px off"
+
+
+def _shifts_too_far(agent: dict) -> bool:
+    allowed = agent["allowed_px"]
+    return allowed is not None and agent["shift_px"] - agent["error_px"] > allowed
 
 
 def is_ok(result: dict) -> bool:
@@ -129,10 +141,7 @@ def _shifts(result: dict) -> list[str]:
 def _wrong(agent: dict) -> str:
     """Return what is wrong with an agent."""
     subject = f"agent {agent['agent']} at LOD {agent['lod']} in frame {agent['frame']}"
-    if (
-        agent["allowed_px"] is not None
-        and agent["shift_px"] - agent["error_px"] > agent["allowed_px"]
-    ):
+    if _shifts_too_far(agent):
         return (
             f"{subject} shifts {agent['shift_px']:.2f} px, {agent['allowed_px']:.2f} allowed there"
         )

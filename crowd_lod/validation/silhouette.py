@@ -62,27 +62,14 @@ def project(
     return np.stack([v @ right * scale, v @ np.cross(towards, right) * scale, depth], axis=1)
 
 
-def outline_distance(mask: np.ndarray, other_mask: np.ndarray) -> float:
-    """Return the largest distance in pixels by which one mask reaches out of the other.
-
-    This is the largest distance between pixel centers, from a pixel that one mask covers and the
-    other does not to the nearest that the other covers. It is the Hausdorff distance of the two
-    areas, not of their outlines: if a gap narrower than a pixel closes, no outline moves by more
-    than half of it, while the gap's own outline may be anywhere else. Infinite if one mask alone is
-    empty.
-    mask, other_mask: (rows, columns) bool.
-    """
-    return float(
-        max(_off(*pair)[2].max(initial=0.0) for pair in ((mask, other_mask), (other_mask, mask)))
-    )
-
-
 def shift(coverage: np.ndarray, other_coverage: np.ndarray) -> float:
     """Return by how many pixels two rendered silhouettes lie apart.
 
     This is the largest distance from a pixel that one covers by half or more to the nearest pixel
-    that the other touches, both ways. A shift of s pixels shows as s - 1 to s + 1. Infinite if one
-    of them alone is empty.
+    that the other touches, both ways: the Hausdorff distance of the two areas, not of their
+    outlines. If a gap narrower than a pixel closes, no outline moves by more than half of it, while
+    the gap's own outline may be anywhere else. A shift of s pixels shows as s - 1 to s + 1.
+    Infinite if one of them alone is empty.
     coverage, other_coverage: (rows, columns) float in [0, 1], the coverage of each pixel.
     """
     pairs = (coverage, other_coverage), (other_coverage, coverage)
@@ -125,7 +112,7 @@ def error(
 ) -> tuple[float, float]:
     """Return (least, most), in pixels, between which the silhouette error lies.
 
-    The error is the largest `outline_distance` between two surfaces' silhouettes over all
+    The error is the largest `shift` between two surfaces' silhouettes over all
     `directions`.
     surface, other_surface: (points (n, 3) meters, triangles (m, 3)).
     center: (3,), the point that the camera looks at.

@@ -74,6 +74,13 @@ def may_have_faces(item: bpy.types.Object) -> bool:
     return item.type != "MESH" or len(item.data.polygons) > 0 or len(item.modifiers) > 0
 
 
+def selected_scenery(context: bpy.types.Context) -> list[bpy.types.Object]:
+    """Return the selected objects that may be walls and are of no character."""
+    characters = context.scene.crowd_lod.characters
+    cast = set() if characters is None else set(characters.all_objects)
+    return [item for item in context.selected_objects if is_scenery(item) and item not in cast]
+
+
 def is_scenery(item: bpy.types.Object) -> bool:
     """Return whether an object may be a wall, and is none of Crowd LOD's own."""
     return (item.type in SURFACES or item.is_instancer) and not any(

@@ -46,7 +46,7 @@ def performance_of(
         ]
     )
     parts = {
-        name: _named(group, objects, name) if name else _own_action(group, objects)
+        name: _find_action(group, objects, name) if name else _own_action(group, objects)
         for name in needed
     }
     parts |= {
@@ -108,7 +108,7 @@ def _own_action(group: str, objects: list[bpy.types.Object]) -> Part:
     )
 
 
-def _named(group: str, objects: list[bpy.types.Object], name: str) -> Part:
+def _find_action(group: str, objects: list[bpy.types.Object], name: str) -> Part:
     action = next(
         (bpy.data.actions[each] for each in action_names(group, name) if each in bpy.data.actions),
         None,

@@ -83,8 +83,8 @@ class Stepwise(Reporting):
     window the steps run in a timer, while the user looks around and scrubs. Without a window they
     run in one go.
 
-    The steps are dropped, and the generator's own cleanup leaves the scene as it was, where the
-    user presses Esc or the progress, undoes, opens a file, or changes what the steps rest on.
+    The steps are dropped if the user presses Esc or clicks the progress, undoes, opens a file, or
+    changes what the steps rest on. The generator's own cleanup then leaves the scene as it was.
 
     remains: what such an end leaves, in words; steps set it where parts of the work stay.
     """
@@ -170,7 +170,7 @@ class Stepwise(Reporting):
             return
         self._shown = now
         left = self._left.words(progress, now - self._started)
-        status = f"{self.bl_label}: {100 * progress:.0f} %{left}, Esc to cancel"
+        status = f"{self.bl_label}: {100 * progress:.0f}%{left}, Esc to cancel"
         if status != self._status:
             self._status = status
             at_work[type(self).bl_idname] = progress

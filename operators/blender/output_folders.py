@@ -50,13 +50,13 @@ def full_path(text: str, library: bpy.types.Library | None = None) -> Path:
     """
     if text.startswith("//") and not bpy.data.filepath and library is None:
         return _temporary(text)
-    name = _named(text, Path(bpy.data.filepath).stem or UNTITLED)
+    name = _insert_name(text, Path(bpy.data.filepath).stem or UNTITLED)
     return files.absolute(Path(bpy.path.abspath(name, library=library)))
 
 
 def _temporary(text: str) -> Path:
     """Return where the path `text` of an unsaved file is for now."""
-    parts = PurePosixPath(_named(text, UNTITLED)[2:].replace("\\", "/")).parts
+    parts = PurePosixPath(_insert_name(text, UNTITLED)[2:].replace("\\", "/")).parts
     return Path(
         bpy.app.tempdir,
         f"crowd_lod_{_file.number}",
@@ -97,7 +97,7 @@ def saved_path(text: str) -> str:
     later.
     """
     if bpy.data.filepath:
-        return _named(text, Path(bpy.data.filepath).stem)
+        return _insert_name(text, Path(bpy.data.filepath).stem)
     if text.startswith("//"):
         _file.unsaved.add(text)
     return text
@@ -136,7 +136,7 @@ def with_ending(path: Path, *endings: str) -> Path:
     return path
 
 
-def _named(text: str, name: str) -> str:
+def _insert_name(text: str, name: str) -> str:
     return text.replace(BLEND_NAME, name)
 
 
@@ -169,7 +169,7 @@ def before_saving(path: str, *_) -> None:
 def _seen_from(text: str, path: Path) -> str:
     """Return the setting's path `text` as it reads in the file `path`."""
     if not bpy.data.filepath:  # its output will move along
-        return _named(text, path.stem)
+        return _insert_name(text, path.stem)
     if path.parent == Path(bpy.data.filepath).parent:
         return text
     with suppress(ValueError):  # another drive
@@ -185,7 +185,9 @@ def after_saving(path: str, *_) -> None:
         after_failed_saving()
     _file.before.clear()
     for text in sorted(_file.unsaved) if path else ():
-        target = Path(bpy.path.abspath(_named(text, Path(path).stem), start=os.path.dirname(path)))
+        target = Path(
+            bpy.path.abspath(_insert_name(text, Path(path).stem), start=os.path.dirname(path))
+        )
         _move(_temporary(text), target, copied)
         if not copied:
             _file.unsaved.remove(text)

@@ -90,17 +90,19 @@ def character_digest(
     """
 
     def read() -> list:
-        items = sorted(objects, key=_own)
+        items = sorted(objects, key=_digest_object)
         movers = [
             block for block in blocks_of(items, look=False) if isinstance(block, bpy.types.Object)
         ]
-        order = {mover: f"object {k:04}" for k, mover in enumerate(sorted(movers, key=_own))}
+        order = {
+            mover: f"object {k:04}" for k, mover in enumerate(sorted(movers, key=_digest_object))
+        }
         palette = palette_of(items)
         materials = [[palette[slot.material] for slot in item.material_slots] for item in items]
         return [
-            *map(_own, items),
+            *map(_digest_object, items),
             materials,
-            stance(*items, called=lambda block: _called(block, order)),
+            stance(*items, called=lambda block: _stand_in(block, order)),
             actions(),
         ]
 
@@ -112,7 +114,7 @@ def motion_digest(items: Sequence[bpy.types.Object]) -> str:
 
     It is the same in all frames.
     """
-    called = partial(_called, order={})
+    called = partial(_stand_in, order={})
     data = [
         # a camera's angles follow its lens, which may be animated
         [
@@ -144,7 +146,7 @@ def level_digest(home: bpy.types.Collection, characters: Sequence[bpy.types.Obje
             numbers = [
                 palette.get(material, material and material.name_full) for material in materials
             ]
-            objects.append((_own(item, shared), numbers))
+            objects.append((_digest_object(item, shared), numbers))
         return sorted(objects, key=repr)
 
     return text_digest(
@@ -167,7 +169,7 @@ def _uid(block: bpy.types.ID | None) -> int:
     return block.session_uid if block is not None else 0
 
 
-def _called(block: bpy.types.ID | None, order: Mapping[bpy.types.ID, str]) -> str:
+def _stand_in(block: bpy.types.ID | None, order: Mapping[bpy.types.ID, str]) -> str:
     """Return what stands for a data-block in a digest, in place of its name."""
     if block is None or isinstance(block, READ):
         return ""
@@ -227,7 +229,7 @@ def _place(item: bpy.types.Object) -> list[float]:
     return np.array([*item.matrix_basis, *item.matrix_parent_inverse]).ravel().tolist()
 
 
-def _own(item: bpy.types.Object, shared: Container[bpy.types.ID] = ()) -> str:
+def _digest_object(item: bpy.types.Object, shared: Container[bpy.types.ID] = ()) -> str:
     """Return the digest of the object itself, without its materials and what moves it.
 
     shared: data that does not count.
@@ -258,7 +260,7 @@ def _inputs(item: bpy.types.Object) -> list[tuple[str, str]]:
         {curve.data_path for curve in curves_and_drivers(item.animation_data)} if values else set()
     )
     texts = {
-        path: _called(value, {}) if isinstance(value, bpy.types.ID) else repr(value)
+        path: _stand_in(value, {}) if isinstance(value, bpy.types.ID) else repr(value)
         for path, value in values.items()
     }
     return sorted((path, text) for path, text in texts.items() if path not in moved)
@@ -306,7 +308,7 @@ def _reading_data(data: bpy.types.ID, weighted: bool) -> Generator[float, None, 
     else:
         hashed.update(
             repr(
-                [settings_of(data, called=lambda block: _called(block, {})), *shape_of(data)]
+                [settings_of(data, called=lambda block: _stand_in(block, {})), *shape_of(data)]
             ).encode()
         )
     keys = getattr(data, "shape_keys", None)

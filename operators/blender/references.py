@@ -14,12 +14,12 @@ def reached_blocks(item: bpy.types.Object) -> set[bpy.types.ID]:
     These are node groups, materials, objects and collections.
     """
     blocks = set()
-    left = list(_named(item))
+    left = list(_blocks_named_by(item))
     while left:
         block = left.pop()
         if block not in blocks:
             blocks.add(block)
-            left += _named(block)
+            left += _blocks_named_by(block)
     return blocks
 
 
@@ -68,7 +68,7 @@ def _beside(block: bpy.types.ID) -> set[bpy.types.ID | None]:
     return collections | ({override.reference} if override is not None else set())
 
 
-def _named(block: bpy.types.ID) -> Iterator[bpy.types.ID]:
+def _blocks_named_by(block: bpy.types.ID) -> Iterator[bpy.types.ID]:
     if isinstance(block, bpy.types.Object):
         yield from (slot.material for slot in block.material_slots if slot.material is not None)
         if block.instance_type == "COLLECTION" and block.instance_collection is not None:

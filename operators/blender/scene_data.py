@@ -27,6 +27,11 @@ def remap(render: bpy.types.RenderSettings, frames: float) -> float:
     return frames * render.frame_map_old / render.frame_map_new
 
 
+def frame_rate(scene: bpy.types.Scene) -> float:
+    """Return the frames of the timeline a second."""
+    return scene.render.fps / scene.render.fps_base
+
+
 def time_of(scene: bpy.types.Scene) -> float:
     """Return the scene's current time with its sub-frame, in frames of the animation.
 

@@ -48,7 +48,7 @@ class Scenery:
     """
 
     def __init__(self, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None):
-        visible_things = list(_shown(scene, depsgraph))
+        visible_things = list(_visible_things(scene, depsgraph))
         self._hides = {
             item.session_uid: _evaluated(item, depsgraph).hide_render
             for item in {item for item, _ in visible_things}
@@ -208,7 +208,9 @@ def _evaluated(block: bpy.types.ID, depsgraph: bpy.types.Depsgraph | None) -> bp
     return block if depsgraph is None else block.evaluated_get(depsgraph)
 
 
-def _shown(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None) -> Iterator[Placed]:
+def _visible_things(
+    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None
+) -> Iterator[Placed]:
     """Yield every object that a render of `scene` shows, once each.
 
     Objects in instanced collections come once for each instance. Objects hidden by themselves are

@@ -81,11 +81,9 @@ def _read_cast(scene: bpy.types.Scene) -> Iterator[tuple[str, str]]:
         homes_read = set()
         for k, level in enumerate(levels.children if levels is not None else ()):
             for home in level.children:
-                if (
-                    home not in homes_read
-                ):  # a character with few LODs shows its last in place of others
-                    homes_read.add(home)
-                    yield (
-                        f"LOD {k} of {home.get(GROUP)}",
-                        provenance.level_digest(home, cast.get(home.get(GROUP), [])),
-                    )
+                # a character with few LODs shows its last in place of others
+                if home in homes_read:
+                    continue
+                homes_read.add(home)
+                name = home.get(GROUP)
+                yield f"LOD {k} of {name}", provenance.level_digest(home, cast.get(name, []))

@@ -182,14 +182,14 @@ def walked(act: Act) -> float:
     return float(np.linalg.norm(np.mean(steps, axis=0))) * (len(poses) - 1) if steps else 0.0
 
 
-def bounds(name: str, origin, *acts: list[np.ndarray]) -> tuple[float, float]:
-    """Return (center, radius) of the sphere that holds the character in all poses.
+def bounds(name: str, origin, *acts: list[np.ndarray]) -> tuple[float, float, float]:
+    """Return (center, radius, girth) of the sphere and the cylinder that hold all poses.
 
-    Its center stands on the vertical axis through `origin`, at the height `center` above it,
-    meters. CrowdError if there are no points.
+    The vertical axis through `origin` is the cylinder's, of radius `girth`, and has the sphere's
+    center, at the height `center` above it; meters. CrowdError if there are no points.
 
     Between two frames a vertex may leave the straight line by an eighth of its acceleration,
-    estimated by the second difference of three poses. The radius is larger by twice that.
+    estimated by the second difference of three poses. Both radii are larger by twice that.
 
     name: of the character, for errors.
     origin: (3,) meters.
@@ -203,14 +203,17 @@ def bounds(name: str, origin, *acts: list[np.ndarray]) -> tuple[float, float]:
             f"The character {name} has no vertices, modifiers applied: give it a mesh, or take it "
             f"out."
         )
-    center, radius = bounding_sphere(points - origin, reach[:, 0])
+    points = points - origin
+    center, radius = bounding_sphere(points, reach[:, 0])
+    girth = float((np.hypot(points[:, 0], points[:, 1]) + reach[:, 0]).max())
     threes = [three for poses in acts for three in zip(poses, poses[1:], poses[2:], strict=False)]
     bends = (
         np.linalg.norm((a - 2 * b + c)[:, :3], axis=1).max()
         for a, b, c in threes
         if a.shape == b.shape == c.shape
     )
-    return center, radius + float(max(bends, default=0.0)) / 4
+    bend = float(max(bends, default=0.0)) / 4
+    return center, radius + bend, girth + bend
 
 
 def extent(actor: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> np.ndarray:

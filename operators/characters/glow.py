@@ -7,12 +7,13 @@ import bpy
 from ..blender.emission import emits
 from .characters import characters_of
 
+# rays that meet light
 LIT_BY = (
     "visible_diffuse",
     "visible_glossy",
     "visible_transmission",
     "visible_volume_scatter",
-)  # rays that meet light
+)
 
 
 def glowing(scene: bpy.types.Scene) -> dict[str, list[bpy.types.Material]]:

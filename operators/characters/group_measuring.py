@@ -44,13 +44,13 @@ def measure_groups(scene: bpy.types.Scene) -> tuple[Group, ...]:
 
 
 def measuring_groups(
-    scene: bpy.types.Scene, reaches: Mapping[str, tuple[float, float, float]] = {}
+    scene: bpy.types.Scene, reaches: Mapping[str, tuple[float, float, float, float]] = {}
 ) -> Generator[float, None, tuple[Group, ...]]:
     """Measure bounding sphere, stride and period of all groups.
 
     Yields the progress, 0 to 1, and returns the groups. Measurements of LOD meshes are kept.
 
-    reaches: (lowest, center, radius) by group, for groups that are not to be measured.
+    reaches: (lowest, center, radius, girth) by group, for groups that are not to be measured.
     """
     earlier: dict[str, Group] = {}
     with suppress(CrowdError):  # what is spoilt is measured anew
@@ -78,19 +78,19 @@ def _measuring_group(
     scene: bpy.types.Scene,
     character: Character,
     base: Group | None,
-    reach: tuple[float, float, float] | None,
+    reach: tuple[float, float, float, float] | None,
 ) -> Generator[float, None, Group]:
     """Measure one group; yield the progress, 0 to 1.
 
     base: of a part the measured group whose agents wear it.
-    reach: (lowest, center, radius), if they are known.
+    reach: (lowest, center, radius, girth), if they are known.
     """
     name, objects, origin, *_ = character
     performance = performance_of(name, objects, actions_named(scene, name))
     on_ground = stands(scene.crowd_lod, name)
     acts: list[Act] = []
     if reach is not None and len(performance.parts) == 1:
-        low, center, radius = reach
+        low, center, radius, girth = reach
     else:
         acts = yield from _acted(objects, performance)
         # while two actions mix, feet may dip into the ground: nobody is lifted for that
@@ -101,11 +101,18 @@ def _measuring_group(
         stand = (*origin[:2], origin[2] + low * on_ground)
         first_name = objects[0].name
         bounding = aside(lambda: bounds(first_name, stand, *(act.poses for act in acts)))
-        center, radius = yield from standing(bounding, 1.0)
+        center, radius, girth = yield from standing(bounding, 1.0)
     first = performance.parts[0]
-    fps = scene.render.fps / scene.render.fps_base
+    fps = scene_data.frame_rate(scene)
     group = Group(
-        name, center, radius, 0.0, (first.last - first.first) / fps, lowest=low, on_ground=on_ground
+        name,
+        center,
+        radius,
+        0.0,
+        (first.last - first.first) / fps,
+        lowest=low,
+        on_ground=on_ground,
+        girth=girth,
     )
     if acts:
         group = replace(

@@ -123,7 +123,8 @@ def holdings_of(
     meshes_of = [_meshes_of(objects) for _, objects, _ in characters]
     stored = _first_counted(meshes_of, _triangles)
     meshes = _first_counted(meshes_of, _bytes_of)
-    materials = _first_counted([_materials_of(objects) for _, objects, _ in characters], _one)
+    worn = [_materials_of(objects) for _, objects, _ in characters]
+    materials = _first_counted(worn, lambda _: 1)
     holdings = Holdings(
         rigs=rigs * rigged,
         bones=bones * rigged,
@@ -185,7 +186,3 @@ def _split_part(objects: Sequence[bpy.types.Object]) -> float:
 
 def _materials_of(objects: Sequence[bpy.types.Object]) -> set[bpy.types.Material]:
     return {slot.material for item in objects for slot in item.material_slots if slot.material}
-
-
-def _one(_: bpy.types.Material) -> int:
-    return 1

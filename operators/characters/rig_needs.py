@@ -130,13 +130,13 @@ def armatures(
 def _carried(item: bpy.types.Object | None, act: Performance) -> bool:
     """Return whether the object moves as a whole, or what it is parented to."""
     while item is not None:
-        if item.parent_type == "BONE" or len(item.constraints) or _placed(item, act):
+        if item.parent_type == "BONE" or len(item.constraints) or _is_placed(item, act):
             return True
         item = item.parent
     return False
 
 
-def _placed(item: bpy.types.Object, act: Performance) -> bool:
+def _is_placed(item: bpy.types.Object, act: Performance) -> bool:
     """Return whether drivers or curves that vary place the object."""
     data = item.animation_data
     if data is not None and any(map(moves_whole, data.drivers)):

@@ -12,7 +12,7 @@ from ...crowd_lod.levels.assignment import MOST_LEVELS
 # What settings and Group call the same. `on_ground` comes after `center`, which its update moves,
 # and before `lowest`, without which it moves nothing.
 MEASURED = (
-    *("name", "center", "radius", "stride", "period", "diagonal", "on_ground", "lowest"),
+    *("name", "center", "radius", "girth", "stride", "period", "diagonal", "on_ground", "lowest"),
     *("share", "scale", "variant_of", "chance", "slot"),
 )
 OF_EACH_LEVEL = "vertices", "triangles", "deviations", "bounds", "rms", "worst"
@@ -55,6 +55,7 @@ def _group(entry, lead, count: int) -> Group:
         shaded=tuple(shaded) if all(value >= 0 for value in shaded) else (),
         lowest=entry.lowest,
         on_ground=entry.on_ground,
+        girth=entry.girth,
         share=round(lead.share, 6),
         scale=(round(min(lead.scale), 6), round(max(lead.scale), 6)),
         variant_of=entry.variant_of,
@@ -71,6 +72,7 @@ def _group(entry, lead, count: int) -> Group:
         *group.scale,
         *(value for action in group.actions for value in (action.stride, action.period)),
         group.radius,
+        group.girth,
         group.stride,
         group.period,
         group.diagonal,

@@ -65,7 +65,7 @@ def walk_among(
         return None
     before = rig.animation_data.action
     fit = walk_of(rig)
-    reason = ", by whose name it walks"
+    reason = ", a walk by its name"
     speeds = feet_speeds(rig, items, [before, fit.action] if fit else [before])
     if fit is None:
         reason = ", whose feet fit the speed best"
@@ -99,7 +99,7 @@ def feet_speeds(
     items: the character's objects, the rig among them.
     """
     scene = bpy.context.scene
-    fps = scene.render.fps / scene.render.fps_base
+    fps = scene_data.frame_rate(scene)
     speeds = {}
     for action in actions:
         try:

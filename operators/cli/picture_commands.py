@@ -4,10 +4,10 @@ import argparse
 from pathlib import Path
 
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.format import counted, printable
+from ...crowd_lod.format import printable
 from ...crowd_lod.reporting import files
 from ...crowd_lod.validation.render_proof import to_text
-from ..runs.preview import preview, verdict_in
+from ..runs.preview import in_sight, preview, verdict_in
 from ..runs.preview_stage import COLOR_MODES, Preview, color_of
 from ..runs.verify import Verify, verify
 from ..runs.verify_build import frames_to_verify
@@ -150,20 +150,9 @@ def _color(args, settings) -> str:
 
 def _summary(plan: dict) -> str:
     """Return lines on the previewed frames, and on what is to be known of them."""
-    rows = plan["frames"]
     says = verdict_in(plan), plan["trouble_says"], *plan["preview"]["notes"]
-    notes = [note for note in says if note]
-    least = min(rows, key=lambda row: row["visible"])
-    most = max(rows, key=lambda row: row["visible"])
-    frames = counted(len(rows), "frame")
-    agents = counted(rows[0]["agents"], "agent")
-    return "".join(
-        [
-            f"{frames} of {agents} in {plan['seconds']:.1f} s: from {least['visible']:,} visible "
-            f"(frame {least['frame']}) to {most['visible']:,} (frame {most['frame']}).\n",
-            *(f"{note}\n" for note in notes),
-        ]
-    )
+    sentences = f"{in_sight(plan['frames'])} {plan['seconds']:.1f} s.", *says
+    return "".join(f"{sentence}\n" for sentence in sentences if sentence)
 
 
 def verify_shot(args) -> dict:

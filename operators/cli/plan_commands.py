@@ -94,9 +94,10 @@ def plan_shot(args) -> dict:
     with files.staged(folder) as part:
 
         def work() -> Generator[float, None, tuple[shot_plan.PlannedShot, dict]]:
-            planned = yield from share(shot_plan.plan_shot(scene, request), 0.0, 0.99)
+            planning = shot_plan.plan_shot(scene, request)
+            planned = yield from share(planning, 0.0, shot_plan.PLANNED)
             writing = shot_plan.write_plan(scene, part, planned, args.words)
-            return planned, (yield from share(writing, 0.99, 1.0))
+            return planned, (yield from share(writing, shot_plan.PLANNED, 1.0))
 
         steps = with_record(scene, request.frames, work)
         planned, content = finish(steps, f"plan of {stem}", args.quiet)

@@ -98,7 +98,7 @@ class Ladder:
     place: four numbers given: the origin x, y, z in world meters, and 1 if the group stands on its
         lowest point, else 0. Kept with the displacement of each object added.
     measured: what is known of the candidates, by goal.
-    reach: the group's lowest point, center and radius in meters, or None.
+    reach: the group's lowest point, center, radius and girth in meters, or None.
     homes: goal -> the collection of that candidate's objects; new_homes: those of them that were
         made now.
     given: LODs that artists made, by goal; counts: their vertices and triangles.
@@ -123,7 +123,7 @@ class Ladder:
         self.looks = Looks() if self.searched and settings.shading_counts else None
         self.measured = Measurements(bool(self.looks))
         self.place = [*place, *map(displaced, objects)]
-        self.reach: tuple[float, float, float] | None = None
+        self.reach: tuple[float, float, float, float] | None = None
         self.sources: list[sources.Source] = []
         self.homes: dict[float, bpy.types.Collection] = {}
         self.new_homes: dict[float, bpy.types.Collection] = {}
@@ -253,12 +253,12 @@ class Ladder:
         self.measured.rows = {}
         if self.goals[0] in goals:
             self.measured.rows = dict(zip(goals, zip(*columns, strict=True), strict=True))
-        reach = stored_values.read(stored, REACH, float, "", (len(self.place) + 3,))
+        reach = stored_values.read(stored, REACH, float, "", (len(self.place) + 4,))
         plain = all(
             item.type == "MESH" and PLAIN.issuperset(m.type for m in item.modifiers)
             for item in self.objects
         )
-        self.reach = tuple(reach[-3:]) if plain and reach[:-3] == self.place else None
+        self.reach = tuple(reach[-4:]) if plain and reach[:-4] == self.place else None
 
     def make(self, goal: float) -> Iterator[float]:
         """Make the LOD for `goal`; by tolerance also measure it."""

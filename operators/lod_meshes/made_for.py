@@ -95,7 +95,7 @@ def _mean(ratios: Sequence[float]) -> float:
 def _parts(ratios: Sequence[float]) -> str:
     """Return the parts of the triangles that a group's LODs have, in words."""
     return (
-        f"{', '.join(f'{100 * ratio:g}' for ratio in ratios)} % of the triangles"
+        f"{', '.join(f'{100 * ratio:g}' for ratio in ratios)}% of the triangles"
         if len(ratios) > 1
         else "no LODs"
     )

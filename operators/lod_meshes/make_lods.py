@@ -90,9 +90,9 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
     is_done = False
     try:
         work = Workload()
-        ladders, groups, shots = yield from _read(scene, characters, earlier, work)
-        choice, guesses = yield from _chosen(scene, ladders, groups, shots, work)
-        homes, edited = yield from _made(ladders, choice.keep, earlier, work)
+        ladders, groups, shots = yield from _read_characters(scene, characters, earlier, work)
+        choice, guesses = yield from _choose(scene, ladders, groups, shots, work)
+        homes, edited = yield from _make_missing(ladders, choice.keep, earlier, work)
         yield from standing(reading_afresh(scene), 1.0)
         inputs = of_characters(cast_inputs(scene))
         is_done = True
@@ -107,12 +107,12 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
         ladder.settle(own)
     new = [ladder.name for ladder in ladders if ladder.new_homes]
     unchanged = [ladder.name for ladder in ladders if not ladder.new_homes]
-    top, levels = _linked(homes, _feet(characters, groups), earlier, before)
-    _named([character.name for character in characters], homes, before)
+    top, levels = _link_levels(homes, _feet(characters, groups), earlier, before)
+    _name_levels([character.name for character in characters], homes, before)
     if copied:
         scene_data.let_go(scene, "levels")
     _show_nowhere(scene, top)
-    settings.dropped = "\n".join(_told(ladders, choice.dropped))
+    settings.dropped = "\n".join(_describe_dropped(ladders, choice.dropped))
     note_shot(scene, guesses, shots, choice.keep, inputs)
     settings.memory_tolerance = choice.tolerance
     settings.memory_made = settings.memory
@@ -152,12 +152,12 @@ def _store(
         for ladder, own in zip(ladders, homes, strict=True)
     ]
     measured = [
-        replace(group, **_padded(own, count)) for group, own in zip(groups, columns, strict=True)
+        replace(group, **_pad(own, count)) for group, own in zip(groups, columns, strict=True)
     ]
     store_groups(settings, tuple(measured))
 
 
-def _read(
+def _read_characters(
     scene: bpy.types.Scene,
     characters: Sequence[Character],
     earlier: bpy.types.Collection | None,
@@ -189,15 +189,16 @@ def _read(
     work.left = reading + sum(ladder.costs.expected for ladder in unknown)
     groups = yield from work.take(measuring_groups(scene, reaches), 0.15 * reading)
     shots = [None] * len(groups)
-    is_limited = bool(settings.memory) or limits_levels(settings)
     if settings.choice == "BY_TOLERANCE":
-        frames = scene_data.frames_of(scene)
-        looking = with_record(
-            scene, frames, lambda: selection.views(scene, settings, trajectory_of(scene, groups))
-        )
+
+        def look() -> Generator[float, None, list]:
+            return selection.views(scene, settings, trajectory_of(scene, groups))
+
+        looking = with_record(scene, scene_data.frames_of(scene), look)
         shots = yield from work.take(looking, 0.05 * reading)
+    is_limited = bool(settings.memory) or limits_levels(settings)
     for ladder, group, shot in zip(ladders, groups, shots, strict=True):
-        ladder.reach = group.lowest, group.center, group.radius
+        ladder.reach = group.lowest, group.center, group.radius, group.girth
         for goal in (ladder.goals[0], *ladder.given):
             if goal in ladder.goals and goal not in ladder.measured.rows:
                 yield from work.take(ladder.measure(goal), 0.8 * ladder.costs.read)
@@ -206,7 +207,7 @@ def _read(
     return ladders, groups, shots
 
 
-def _chosen(
+def _choose(
     scene: bpy.types.Scene,
     ladders: list[Ladder],
     groups: Sequence[Group],
@@ -260,7 +261,7 @@ def _chosen(
     return choice, guesses
 
 
-def _made(
+def _make_missing(
     ladders: list[Ladder],
     keep: Sequence[Sequence[int]],
     earlier: bpy.types.Collection | None,
@@ -291,7 +292,7 @@ def _made(
     return homes, edited
 
 
-def _linked(
+def _link_levels(
     homes: list, feet: list, earlier: bpy.types.Collection | None, before: frozenset[int]
 ) -> tuple[bpy.types.Collection, list]:
     """Link the groups' collections into those of the LODs; remove the earlier ones.
@@ -319,7 +320,7 @@ def _linked(
     return top, levels
 
 
-def _named(names: list[str], homes: list, before: frozenset[int]) -> None:
+def _name_levels(names: list[str], homes: list, before: frozenset[int]) -> None:
     """Mark what was not there `before` as this add-on's, and name it.
 
     names: of the groups; homes: their collections, by group, then LOD.
@@ -339,7 +340,7 @@ def _named(names: list[str], homes: list, before: frozenset[int]) -> None:
                     item.color = (*TINTS[k], 1.0)
 
 
-def _told(ladders: list[Ladder], dropped: list[dict[int, str]]) -> list[str]:
+def _describe_dropped(ladders: list[Ladder], dropped: list[dict[int, str]]) -> list[str]:
     """Return a line for each dropped candidate; "About" marks guessed values."""
     lines = []
     for ladder, reasons in zip(ladders, dropped, strict=True):
@@ -349,7 +350,7 @@ def _told(ladders: list[Ladder], dropped: list[dict[int, str]]) -> list[str]:
     return lines
 
 
-def _padded(columns: dict, count: int) -> dict:
+def _pad(columns: dict, count: int) -> dict:
     """Repeat the last value of each of a Group's columns up to `count` values."""
     return {
         name: value if name == "diagonal" else value + value[-1:] * (count - len(value))

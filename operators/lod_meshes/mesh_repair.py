@@ -80,10 +80,11 @@ def _edited(mesh: bpy.types.Mesh) -> Iterator[bmesh.types.BMesh]:
 
 
 def _sewn(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """The point that each of the points is to be joined to, (n,).
+    """Return the point that each of the points is to be joined to, (n,).
 
-    Only border edges are joined, of which just two lie at the same place, run against each other,
-    and have triangles that do not lie on each other, as those of a card's two sides do.
+    Two border edges are joined if they lie at the same place, with no third one there, and run
+    against each other. Edges of triangles that lie on each other stay apart: these are the two
+    sides of a card.
     """
     count = len(points)
     half = (

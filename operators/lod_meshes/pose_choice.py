@@ -126,7 +126,7 @@ def _motions(
         for time in times.tolist():
             performance.go_to(stage, time)
             depsgraph = stage.view_layers[0].depsgraph
-            joints = [_placed(item, depsgraph) @ AXES for item in items]
+            joints = [_matrix_of(item, depsgraph) @ AXES for item in items]
             bent = [np.empty((0, 3))]
             for each in bones:
                 joints += each.read(depsgraph)
@@ -183,7 +183,7 @@ class _Bones:
         columns = np.empty((len(self.parent), 4, 4), np.float32)
         evaluated.pose.bones.foreach_get("matrix", columns.ravel())
         matrices = columns.transpose(0, 2, 1).astype(np.float64)
-        placed = _placed(self.rig, depsgraph)
+        placed = _matrix_of(self.rig, depsgraph)
         axes = matrices[:, :3, :3]
         relative = np.linalg.pinv(axes[self.parent]) @ axes
         relative[self.parent < 0] = np.eye(3)  # it turns the character as a whole
@@ -196,5 +196,5 @@ class _Bones:
         return list(placed @ matrices @ tips)
 
 
-def _placed(item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
+def _matrix_of(item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
     return np.array(item.evaluated_get(depsgraph).matrix_world, np.float64)

@@ -169,7 +169,7 @@ def compare_surfaces(
             apart = bound_distance(*pair)
             _count_shown(pair[0], surfaces[1], other.shapes[shared[0]].hiding, apart)
             pose = shared[apart.pose]
-            lost, lost_in, lost_at = _lost(character, other, shared, apart.bound)
+            lost, lost_in, lost_at = _find_lost(character, other, shared, apart.bound)
             posed = [Surface(m.points[:, apart.pose], m.triangles) for m in pair]
             rms = spread(*posed, [m.counted for m in pair], SAMPLES)
             if lost > apart.measured:
@@ -222,7 +222,7 @@ def _count_shown(
     lod.counted |= counts
 
 
-def _lost(
+def _find_lost(
     character: PosedSurface, other: PosedSurface, poses: list[int], bound: float
 ) -> tuple[float, int, np.ndarray]:
     """How far thin parts of the character are from where a LOD shows (thin_parts.find_unseen).

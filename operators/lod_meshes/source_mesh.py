@@ -170,12 +170,12 @@ def read_source(item: bpy.types.Object) -> Source:
                 twin.modifiers.remove(modifier)
         if twin.parent_type in FOLLOWED:
             twin.parent_type = "OBJECT"
-        return _read(item, twin)
+        return _read_twin(item, twin)
     finally:
         bpy.data.batch_remove(new_blocks)
 
 
-def _read(item: bpy.types.Object, twin: bpy.types.Object) -> Source:
+def _read_twin(item: bpy.types.Object, twin: bpy.types.Object) -> Source:
     """Read the Source of `item` from its copy `twin`, which has its own data."""
     notes = _notes(item)
     values = {name: twin.data.shape_keys.key_blocks[name].value for name in _moving_keys(item)}

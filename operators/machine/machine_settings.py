@@ -169,7 +169,7 @@ def _use_timer(self, value: bool) -> None:
     )
 
 
-def _own(self, value: bool) -> None:
+def _set_own_rule(self, value: bool) -> None:
     change_or_tell(
         self.id_data, (edits.own_rule if value else edits.drop_rule)(*cell_of(self.id_data))
     )
@@ -312,7 +312,7 @@ class CrowdLodMachineEditor(bpy.types.PropertyGroup):
         name="Own Rule",
         description="The state has a rule of its own on this label; else that of all others holds",
         get=lambda self: draft_of(self.id_data).has_rule(*cell_of(self.id_data)),
-        set=_own,
+        set=_set_own_rule,
     )
     speed: FloatProperty(
         name="Speed",

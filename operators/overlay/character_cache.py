@@ -229,12 +229,14 @@ def cache_key(scene: bpy.types.Scene) -> tuple[bytes, Looks]:
         movers = group, *rigs, *filter(None, (item.data.shape_keys for item in items))
         if names and movers not in named_read:  # LODs that the same rigs move play the same
             named_read.add(movers)
-            digest.update(repr(_named(group, items, names)).encode())
+            digest.update(repr(_digest_actions(group, items, names)).encode())
         digest.update(repr(appearance.ramp).encode())
     return digest.digest(), appearance
 
 
-def _named(group: str, items: list[bpy.types.Object], names: tuple[str, ...]) -> list | str:
+def _digest_actions(
+    group: str, items: list[bpy.types.Object], names: tuple[str, ...]
+) -> list | str:
     """Return a value that changes with the actions `names` of the `group`, or the error's text."""
     try:
         return performance.digest(named_actions.performance_of(group, items, names).parts)

@@ -4,6 +4,7 @@ Agents are instances or points; the frustum and the ranges are lines.
 """
 
 from dataclasses import dataclass
+from math import ceil
 
 import numpy as np
 
@@ -21,6 +22,7 @@ CULLED_SIZE = 0.6  # of a visible agent's
 MOST_CULLED = 100_000
 WIDTH = 0.6  # of a point, in radii of the agent's sphere
 SHARES = 1024  # steps of a cross-fade
+GROUPS = 256  # at most
 
 
 @dataclass(frozen=True)
@@ -99,8 +101,7 @@ def drawing(
     radius = frame.trajectory.spheres.radius
     points = style.mode == "POINTS"
     visible = len(frame.buckets.order) if points else 0
-    culled = np.arange(0, len(crowd) if style.culled else 0, -(-len(crowd) // MOST_CULLED) or 1)
-    culled = culled[frame.culled[culled]] if len(culled) else culled
+    culled = _culled_agents(frame) if style.culled else np.empty(0, np.intp)
     order = np.concatenate([frame.buckets.order[:visible], culled])
     group = crowd.group[order]
     agents, draws, plays = (
@@ -141,6 +142,13 @@ def drawing(
     )
 
 
+def _culled_agents(frame: Frame) -> np.ndarray:
+    """Return the culled agents that show, (m,) intp: of a large crowd every so many-th."""
+    count = len(frame.crowd)
+    agents = np.arange(0, count, max(ceil(count / MOST_CULLED), 1))
+    return agents[frame.culled[agents]]
+
+
 def _instances(
     frame: Frame, colors: Colors, fades: tuple[np.ndarray, np.ndarray] | None
 ) -> tuple[np.ndarray, tuple, tuple]:
@@ -157,17 +165,17 @@ def _instances(
         levels = np.concatenate([finer, finer[fading] + np.uint8(1)])
         shares = np.concatenate([-share, share[fading]])
         order = np.concatenate([order, order[fading]])
-    draw = levels.astype(np.uint16) * np.uint16(256) + crowd.group[order]
+    # a draw is a LOD of a group in an action: its number has them in this order
+    draw = levels.astype(np.uint16) * np.uint16(GROUPS) + crowd.group[order]
     gaits = frame.trajectory.gaits
     actions = len(gaits.actions)
     if actions > 1:
-        draw = draw.astype(np.uint32) * np.uint32(actions) + gaits.action[
-            crowd.playing[order]
-        ].astype(np.uint32)
+        action = gaits.action[crowd.playing[order]].astype(np.uint32)
+        draw = draw.astype(np.uint32) * np.uint32(actions) + action
     by_draw = np.argsort(draw, kind="stable")
     order = order[by_draw]
     shares = shares[by_draw]
-    kinds, first, count = np.unique(draw[by_draw], return_index=True, return_counts=True)
+    numbers, first, count = np.unique(draw[by_draw], return_index=True, return_counts=True)
 
     agents = np.zeros((len(order), 8), np.float32)
     agents[:, 0], agents[:, 1], agents[:, 2] = crowd.places(None, order, frame.camera.origin)
@@ -180,9 +188,9 @@ def _instances(
     scale = frame.trajectory.scale(crowd, order)
     if scale is not None:
         agents = np.column_stack([agents, scale])
-    kinds, action = np.divmod(kinds, actions)
-    draws = zip(kinds // 256, kinds % 256, first, count, strict=True)
-    plays = tuple(gaits.actions[k] for k in action) if any(gaits.actions) else ()
+    numbers, actions_drawn = np.divmod(numbers, actions)
+    draws = zip(*np.divmod(numbers, GROUPS), first, count, strict=True)
+    plays = tuple(gaits.actions[k] for k in actions_drawn) if any(gaits.actions) else ()
     return agents, tuple(tuple(int(value) for value in each) for each in draws), plays
 
 

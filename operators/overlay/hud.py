@@ -77,7 +77,7 @@ def figures(
     ]
     if frame.hidden is not None:
         hidden = frame.hidden[: len(frame.trajectory.bare.start)].sum()
-        lines.append(Line(f"Behind scenery  {hidden:,}", None if colors.culled else HIDDEN[:3]))
+        lines.append(Line(f"Hidden by scenery  {hidden:,}", None if colors.culled else HIDDEN[:3]))
     lines += [] if colors.by_lod else legend(colors)
     lines += map(Line, notes)
     if frame.full_triangles:
@@ -87,7 +87,7 @@ def figures(
     if account is not None:
         lines.append(
             Line(
-                ", ".join(f"{name} {value}" for name, value in describe(account)),
+                ", ".join(f"{name}: {value}" for name, value in describe(account)),
                 colors.of_agent(account.agent, account.visible),
             )
         )
@@ -102,9 +102,15 @@ def figures(
 
 
 def legend(colors: Colors) -> list[Line]:
-    """Return a line for each of the colors' names, MOST_NAMES at most, and the count of others."""
-    more = len(colors.names) - MOST_NAMES
-    lines = [Line(name, colors.of_name(k)) for k, name in enumerate(colors.names[:MOST_NAMES])]
+    """Return a line for each of the colors' names, MOST_NAMES at most, and the count of others.
+
+    Where culled agents are colored, too, only the names of colors that some agent has.
+    """
+    used = range(len(colors.names))
+    if colors.culled:
+        used = np.flatnonzero(np.bincount(colors.index)).tolist()
+    lines = [Line(colors.names[k], colors.of_name(k)) for k in used[:MOST_NAMES]]
+    more = len(used) - MOST_NAMES
     return [*lines, Line(f"and {more} more")] if more > 0 else lines
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...crowd_lod.crowd.maps import Area
+from .agent_colors import Colors
 from .draw_data import CULLED, FRUSTUM, Drawing
 from .gpu_batches import Batches
 from .gpu_draw import paint
@@ -26,11 +27,6 @@ POINTS = 0.6  # how large agents are, compared with those in the viewport
 BACKGROUND = 0.02, 0.02, 0.02, 1.0  # linear
 STRAY = 1.0, 0.0, 1.0, 1.0  # linear RGBA, of the map's off-color pixels
 CAPTIONED = 0.6  # of SIZE, below which it has no title, legend and scale
-CAPTIONS = (
-    Line("From above"),
-    Line("Camera's view", FRUSTUM[:3]),
-    Line("Culled", CULLED[:3]),
-)
 
 
 @dataclass(frozen=True)
@@ -39,15 +35,23 @@ class Above:
 
     texture: the picture, sRGB.
     width: units of the scene that it is wide.
+    captions: its title, and the legend of what the overlay's own does not name.
     """
 
     texture: "GPUTexture"
     width: float
+    captions: tuple[Line, ...]
 
     @property
     def size(self) -> tuple[int, int]:
         """Pixels."""
         return self.texture.width, self.texture.height
+
+
+def captions(colors: Colors) -> tuple[Line, ...]:
+    """Return title and legend of the picture of agents in these `colors`."""
+    culled = () if colors.culled else (Line("Culled", CULLED[:3]),)
+    return Line("From above"), Line("Camera's view", FRUSTUM[:3]), *culled
 
 
 def with_strays(drawing: Drawing, strays: np.ndarray) -> Drawing:
@@ -146,7 +150,7 @@ def show(
     draw_texture_2d(above.texture, at, wide, tall, is_scene_linear_with_rec709_srgb_target=True)
     if scale >= CAPTIONED * ui_scale:
         frame = at[0], at[1], at[0] + wide, at[1] + tall
-        write(CAPTIONS, frame, ui_scale)
+        write(above.captions, frame, ui_scale)
         length, said = scale_bar(above.width * meters / 4)
         draw_scale(said, length / meters / above.width * wide, frame, ui_scale)
 

@@ -116,7 +116,12 @@ class Canvas:
         with gpu.matrix.push_pop(), gpu.matrix.push_pop_projection():
             gpu.matrix.load_matrix(Matrix())
             gpu.matrix.load_projection_matrix(to_clip)
-            hud.write([hud.Line(caption)], (0, 0, width, height), max(0.75, width / 960))
+            hud.write([hud.Line(caption)], (0, 0, width, height), caption_size(width) / hud.LETTERS)
+
+
+def caption_size(width: int) -> int:
+    """Return the pixels of a caption's letters in a picture this wide: read at half its size."""
+    return max(8, width // 42)
 
 
 def _merged(below: np.ndarray, over: np.ndarray) -> np.ndarray:

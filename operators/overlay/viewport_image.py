@@ -39,7 +39,7 @@ class CROWDLOD_OT_render_viewport(Stepwise, bpy.types.Operator):
         if display.batches is None:
             raise CrowdError(f"The viewport shows no crowd: {display.problem}")
         region = next(region for region in context.area.regions if region.type == "WINDOW")
-        view, projection, size = _seen(context, space, region)
+        view, projection, size = _viewport_view(context, space, region)
         settings = context.scene.crowd_lod
         canvas = Canvas(size)
         crowd = visibility.shows_crowd(settings, space) and not visibility.shows_build(
@@ -56,7 +56,7 @@ class CROWDLOD_OT_render_viewport(Stepwise, bpy.types.Operator):
         yield 0.9
         image = image_data.write_image("Viewport with crowd", pixels[..., :3])
         if not bpy.app.background:
-            bpy.app.timers.register(partial(_show, image.name))
+            bpy.app.timers.register(partial(show_image, image.name))
         return f"{image.name}: {size[0]} x {size[1]} pixels."
 
 
@@ -73,7 +73,7 @@ def _waiting(window: bpy.types.Window | None) -> Iterator[None]:
         window.cursor_modal_restore()
 
 
-def _seen(context, space, region) -> tuple[np.ndarray, np.ndarray, tuple[int, int]]:
+def _viewport_view(context, space, region) -> tuple[np.ndarray, np.ndarray, tuple[int, int]]:
     """Return (view, projection, size in pixels) of the viewport's picture."""
     view_3d = space.region_3d
     camera = space.camera
@@ -89,7 +89,7 @@ def _seen(context, space, region) -> tuple[np.ndarray, np.ndarray, tuple[int, in
 
 
 @guard
-def _show(name: str) -> None:
+def show_image(name: str) -> None:
     """Open the image, if it is still there, in a new window.
 
     A timer calls this. An operator with a progress bar that opens a window never ends, in Blender

@@ -186,7 +186,8 @@ def picture_from_above(display: Display, ui_scale: float) -> inset.Above:
         places = np.concatenate([points.positions, points.lines.reshape(-1, 3), np.zeros((1, 3))])
         view, projection = inset.from_above(trajectory.area, points.origin, places)
         texture = inset.picture(Batches(points), view, projection, ui_scale)
-        display.above = inset.Above(texture, float(2 / projection[0, 0]))
+        width = float(2 / projection[0, 0])
+        display.above = inset.Above(texture, width, inset.captions(display.colors))
     return display.above
 
 

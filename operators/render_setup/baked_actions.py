@@ -25,7 +25,7 @@ def trim_actions(rigs: Sequence[bpy.types.Object], times: Sequence[float]) -> It
         spans = _played(strip.fcurves.find("strip_time"), np.asarray(times, np.float64))
         needed.setdefault(strip.action, []).append(spans)
     for action, spans in needed.items():
-        whole = _joined(np.concatenate(spans))
+        whole = _join_spans(np.concatenate(spans))
         for bag in (bag for layer in action.layers for s in layer.strips for bag in s.channelbags):
             for curve in bag.fcurves:
                 _trim(curve, whole)
@@ -51,7 +51,7 @@ def _played(time_curve: bpy.types.FCurve, times: np.ndarray) -> np.ndarray:
     return first + (last - first) * np.concatenate((parts, around))
 
 
-def _joined(spans: np.ndarray) -> np.ndarray:
+def _join_spans(spans: np.ndarray) -> np.ndarray:
     """Return disjoint spans (k, 2), increasing, that cover the same as `spans` (m, 2)."""
     spans = spans[np.argsort(spans[:, 0])]
     reached = np.maximum.accumulate(spans[:, 1])

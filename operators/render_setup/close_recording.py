@@ -249,11 +249,11 @@ def _off(
     # the short way round
     last[..., 3:7] *= np.where((first * last)[..., 3:7].sum(-1) < 0, -1.0, 1.0)[..., None]
     straight = first + part[:, None, None] * (last - first)
-    true = _placed(local, channels(back @ between @ rest))
-    return np.linalg.norm(_placed(local, straight) - true, axis=-1).max(axis=(1, 2))
+    true = _move_points(local, channels(back @ between @ rest))
+    return np.linalg.norm(_move_points(local, straight) - true, axis=-1).max(axis=(1, 2))
 
 
-def _placed(points: np.ndarray, moved: np.ndarray) -> np.ndarray:
+def _move_points(points: np.ndarray, moved: np.ndarray) -> np.ndarray:
     """Return the points (bones, p, 3) moved by `channels` (m, bones, 10), (m, bones, p, 3)."""
     place, turn, size = np.split(moved[..., None, :], [3, 7], axis=-1)
     turn = turn / np.linalg.norm(turn, axis=-1, keepdims=True)

@@ -7,6 +7,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.progress import share
+from ..blender import scene_data
 from ..blender.cleanup import removed_on_failure
 from ..blender.named_actions import group_performance
 from ..blender.performance import Performance
@@ -90,7 +91,7 @@ def _model_group(
     library.posed[g] = POSES
     library.models.append([])
     frames = max(last - first for act in acts for first, last in act.spans)
-    stands = stands_for(frames, scene.render.fps / scene.render.fps_base)
+    stands = stands_for(frames, scene_data.frame_rate(scene))
     library.notes.append(
         f"{name} is shown as {POSES} still poses, {stands}, so its limbs "
         f"have no motion blur: {reasons[-1]}."

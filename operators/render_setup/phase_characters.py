@@ -228,7 +228,7 @@ def _make_character(
         return _rig(cast, group, number, place, of_levels, trajectory)
     action, pose = divmod(place, poses)
     act = group.performance.only(trajectory.gaits.actions[action])
-    return _pose(cast, group, number, (act, pose / poses), of_levels)
+    return _pose(cast, group, number, act, pose / poses, of_levels)
 
 
 def _rig(
@@ -282,14 +282,14 @@ def _pose(
     cast: Cast,
     group: _Actors,
     number: int,
-    act_and_phase: tuple[Performance, float],
+    act: Performance,
+    phase: float,
     of_levels: list[int],
 ) -> dict[int, list[bpy.types.Object]]:
     """Return the objects of a still character by its LODs; see _make_character.
 
-    act_and_phase: the action and the phase, in [0, 1), of its pose.
+    act: the action of its pose; phase: the place of the pose in it, in [0, 1).
     """
-    act, phase = act_and_phase
     ((first, last),) = act.spans
     act.go_to(group.stage, first + (last - first) * phase)
     depsgraph = group.stage.view_layers[0].depsgraph

@@ -161,7 +161,7 @@ def build(
             inputs = yield from standing(_inputs_of_characters(scene, of_plan), 1.0)
     top = install(scene, cast)
     if complete:
-        provenance.keep(top, MADE_OF, inputs | _shown(top))
+        provenance.keep(top, MADE_OF, inputs | _digest_shown(top))
         top[NOTES] = "\n".join(cast.notes)
     return cast
 
@@ -189,7 +189,7 @@ def _current_cast(
     if MADE_OF not in top or np.any(np.ravel(top.get(POSED, 1))):
         return None
     inputs = yield from _inputs_of_characters(scene, of_plan)
-    if not provenance.is_made_of(top, MADE_OF, inputs | _shown(top)):
+    if not provenance.is_made_of(top, MADE_OF, inputs | _digest_shown(top)):
         return None
     return Cast(np.array(top[POSED], np.intp), [], notes=str(top.get(NOTES, "")).splitlines())
 
@@ -214,7 +214,7 @@ def _inputs_of_characters(
     }
 
 
-def _shown(top: bpy.types.Collection) -> dict[str, str]:
+def _digest_shown(top: bpy.types.Collection) -> dict[str, str]:
     """Return the digest of what the build `top` shows, by its name."""
     return {"the build": shown_by(top)}
 
@@ -222,7 +222,7 @@ def _shown(top: bpy.types.Collection) -> dict[str, str]:
 def install(scene: bpy.types.Scene, cast: Cast) -> bpy.types.Collection:
     """Put characters and missing point objects into the scene's build; return it."""
     upgrade()
-    top = _own(scene) or _new_build(scene)
+    top = _own_build(scene) or _new_build(scene)
     _describe(scene, top, cast)
     if cast.collections:
         fill_shelves(scene, top, cast)
@@ -293,7 +293,7 @@ def _told_of_memory(settings) -> Iterator[str]:
         )
 
 
-def _own(scene: bpy.types.Scene) -> bpy.types.Collection | None:
+def _own_build(scene: bpy.types.Scene) -> bpy.types.Collection | None:
     """Return the scene's build, or None.
 
     A linked copy of a scene refers to the build of the first scene. The build stays with the first;
@@ -349,7 +349,7 @@ def _modifier_of(points: bpy.types.Object) -> bpy.types.Modifier:
 
 def remove_build(settings) -> None:
     """Remove the build: points, characters, rigs, and otherwise unused node groups."""
-    top = _own(settings.id_data)
+    top = _own_build(settings.id_data)
     settings.build = None
     if top is not None:
         unhide_characters(top)

@@ -156,10 +156,10 @@ def make_model(
     while True:
         model = model_of(name, recording, origin, blocks)
         comparing = _off(model, character, performance, recording.to_compare())
-        *between, at_key = yield from standing(comparing, 0.5)
-        off = max([*between, at_key]) / diagonal
-        # what is off at keys, too, is not mended by further keys
-        if off <= NEAR or max(between, default=0.0) < 2 * at_key or np.isinf(off):
+        *between_keys, at_key = yield from standing(comparing, 0.5)
+        off = max([*between_keys, at_key]) / diagonal
+        is_off_at_keys = max(between_keys, default=0.0) < 2 * at_key  # more keys do not mend it
+        if off <= NEAR or is_off_at_keys or np.isinf(off):
             break
         # modifiers take vertices farther than bones do
         allowed = min(allowed, recording.off.max()) * NEAR / off / 1.1

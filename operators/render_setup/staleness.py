@@ -92,11 +92,11 @@ def _other_in_frame(scene: bpy.types.Scene, bake: bpy.types.Collection) -> list[
     sentences = []
     if frame in cameras and cameras[frame] != cameras_digest(read_cameras(scene, depsgraph)):
         sentences.append(CAMERA)
-    if (
-        frame in around and not scene.render.use_motion_blur
-    ):  # else the shutter would have to be looked through
+    # with motion blur the shutter would have to be looked through
+    if frame in around and not scene.render.use_motion_blur:
         now = read_surroundings(scene, depsgraph, scene_data.time_of(scene))
-        sentences += ["the lights"] * (around[frame] != lights_digest(now))
+        if around[frame] != lights_digest(now):
+            sentences.append("the lights")
     return sentences
 
 

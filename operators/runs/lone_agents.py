@@ -13,13 +13,12 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.culling.camera import Camera, Window
-from ...crowd_lod.format import number
 from ...crowd_lod.progress import aside
 from ...crowd_lod.reporting import file_checks
 from ...crowd_lod.srgb import encoded
 from ...crowd_lod.validation import silhouette
 from ...crowd_lod.validation.judged_agents import JudgedAgent
-from ...crowd_lod.validation.render_proof import worst_agents
+from ...crowd_lod.validation.render_proof import describe_difference, worst_agents
 from ..blender import cleanup, console, image_data, mesh_data, scene_data
 from ..render_setup.appended_builds import STAGE
 from ..render_setup.nodes import trees
@@ -213,7 +212,8 @@ def facts_of(
 
     shift_px, error_px: by how many pixels of the final picture its silhouette lies off, and by how
         many that may be wrong. At most the crop's diagonal.
-    color_off: by how much its mean color is off, of 1, encoded as sRGB.
+    color_off: by how much its mean color is off, of 1, encoded as sRGB. A pixel counts as white at
+        most: a glint of the sun, thousands of times as bright, would outweigh all others.
     ok: whether both are within what is allowed; None where that is not known, or it stands apart.
 
     full, lod: its pictures, `finer` times as fine as the final one.
@@ -258,7 +258,7 @@ def sheet_of(crops: Sequence[LoneCrop]) -> Generator[float, None, np.ndarray]:
         tiles += yield from aside(partial(_tiles, crop, step))
         labels.append(
             f"Agent {crop.facts['agent']:,}\nLOD {crop.facts['lod']}\n"
-            f"{number(crop.facts['shift_px'])} px off"
+            + describe_difference(crop.facts)
         )
     return (yield from labeled_sheet(tiles, len(AGENT_TITLES), AGENT_TITLES, labels))
 

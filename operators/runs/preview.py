@@ -57,9 +57,8 @@ BEHAVIOR = 0.9  # of a frame's time, where the way to it is long
 LEVELS = 0.1
 PLANNED = 0.1
 LOD = 2.0  # frames of the preview that take as long as a LOD's picture and its row in the table
-MOST_PLANNED = (
-    30_000_000  # agents times frames that a preview plans first; longer shots take Plan Shot
-)
+# agents times frames that a preview plans first; longer shots take Plan Shot
+MOST_PLANNED = 30_000_000
 LEFT_OUT = "The characters themselves are left out of the pictures (see Keep in Renders)."
 THUMBNAIL = 480  # pixels wide, at least
 
@@ -169,15 +168,20 @@ def _describe(
     """Return what plan.json says of the preview, without a shot plan; yields the progress."""
     yield from reading(run.on.stage)
     rows = [frame["row"] for frame in frames]
+    unplanned = unplanned_notes([tuple(frame["unplanned"]) for frame in frames])
+    settings = run.on.stage.crowd_lod
+    follows_plan = settings.shot_plan and settings.use_shot_plan and not unplanned
     notes = (
         *run.shots.notes,
         tables.nobody_seen(row["visible"] for row in rows),
-        unplanned_notes([tuple(frame["unplanned"]) for frame in frames]),
+        unplanned,
         to_make_again(run.on.stage),
         leaves_out(run.on.scene) and LEFT_OUT,
         frame_stepping.describe_unbaked(run.on.scene),
     )
-    return (yield from plan_json(run.on, command, rows, lods, tuple(filter(None, notes))))
+    plan = yield from plan_json(run.on, command, rows, lods, tuple(filter(None, notes)))
+    plan["preview"]["verdict"] = settings.shot_verdict if follows_plan else ""
+    return plan
 
 
 def _write(
@@ -354,8 +358,8 @@ def _caption(frame: Frame) -> str:
 
 
 def verdict_in(plan: dict[str, Any]) -> str:
-    """Return the verdict on the shot that the preview planned; "" if it planned none."""
-    return plan["shot"]["verdict"]["sentence"] if "shot" in plan else ""
+    """Return the verdict on the shot, by the preview's plan or the scene's own; "" without one."""
+    return plan["shot"]["verdict"]["sentence"] if "shot" in plan else plan["preview"]["verdict"]
 
 
 def legends_of(color: str, frame: Frame) -> list[Legend]:
@@ -379,8 +383,8 @@ def legends_of(color: str, frame: Frame) -> list[Legend]:
     return [[("From the camera:", None), *names], above]
 
 
-def _sight(rows: list[dict[str, Any]]) -> str:
-    """Return how many agents the frames show, for the index of a preview without a verdict."""
+def in_sight(rows: list[dict[str, Any]]) -> str:
+    """Return in a sentence how many agents the frames of plan.json show."""
     counts = [row["visible"] for row in rows]
     least = min(counts)
     most = max(counts)
@@ -430,7 +434,7 @@ class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
             f"{counted(len(task.frames), 'frame is', 'frames are')} in {place_of(task.folder)}."
         )
         found = verdict_in(plan)
-        note_output(context.scene, "preview", found or _sight(plan["frames"]))
+        note_output(context.scene, "preview", found or in_sight(plan["frames"]))
         sentence = f"{found} {sentence}".lstrip()
         return f"{sentence} {LEFT_OUT}" if leaves_out(context.scene) else sentence
 

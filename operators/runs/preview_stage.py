@@ -12,6 +12,7 @@ from ...crowd_lod.frame.frame import Frame
 from ..blender import cameras, image_data, mesh_data, scene_data
 from ..blender.shader_nodes import switch_nodes_on
 from ..overlay.agent_colors import by_error
+from ..overlay.playblast import caption_size
 from ..render_setup import frame_update, render_setup, view_layers
 from ..render_setup.appended_builds import STAGE
 from ..render_setup.hidden_characters import shows_characters
@@ -110,8 +111,9 @@ def set_up(stage: bpy.types.Scene, task: Preview) -> None:
         if name.startswith("use_stamp_"):
             setattr(render, name, name in ("use_stamp_frame", "use_stamp_note"))
     render.use_stamp = render.use_stamp_labels = True
-    render.stamp_font_size = max(8, task.width // 42)  # read in the contact sheet, at half size
-    render.stamp_background = (0, 0, 0, 0.6)
+    render.stamp_font_size = caption_size(task.width)
+    render.stamp_foreground = (1, 1, 1, 1)
+    render.stamp_background = (0, 0, 0, 0.85)
     # one pass; Workbench draws the whole scene anew for every other sample
     stage.display.render_aa = "FXAA"
     if task.engine == "OVERLAY":

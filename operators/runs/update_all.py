@@ -245,7 +245,12 @@ class CROWDLOD_OT_update_all(Stepwise, bpy.types.Operator):
                 bpy.ops.ed.undo_push(message=label)
 
         done = yield from update_all(scene, note)
-        return update_sentence(scene, done)
+        if not done:
+            return update_sentence(scene, done)
+        for label, said in done.items():
+            self.report({"INFO"}, f"{label}: {said}")
+        # the status bar cuts the middle out of a long sentence
+        return f"{', '.join(done)}: done. {scene.crowd_lod.shot_verdict}".strip()
 
 
 CLASSES = (CROWDLOD_OT_update_all,)

@@ -7,11 +7,12 @@ import bpy
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame_range import spread_evenly
-from ...crowd_lod.validation.render_proof import verdict
+from ...crowd_lod.validation.render_proof import verdict, worst_agents
 from ..blender import scene_cache, scene_data
-from ..blender.operator import Stepwise
+from ..blender.operator import Reporting, Stepwise
 from ..blender.output_folders import output_folder, place_of
 from ..blender.output_index import note_output
+from ..overlay.viewport_image import show_image
 from ..render_setup.staleness import MADE_FOR
 from ..settings import needs
 from .verify import Verify, verify
@@ -38,8 +39,6 @@ def _build_of(scene: bpy.types.Scene) -> object:
 
 def _show_agents(path: Path) -> None:
     """Keep the picture of the worst agents in the file as the image PROOF, for the Image Editor."""
-    if not path.is_file():
-        return
     image = bpy.data.images.get(PROOF) or bpy.data.images.load(str(path))
     image.name = PROOF
     image.use_fake_user = True  # nothing else uses it
@@ -71,7 +70,9 @@ class CROWDLOD_OT_verify(Stepwise, bpy.types.Operator):
         )
         result = yield from verify(context.scene, task, ["sidebar"])
         note_output(context.scene, "verify", verdict(result))
-        _show_agents(task.folder / f"frame_{task.frames[0]:04d}_agents.png")
+        if result["agents"]:
+            worst = result["agents"][worst_agents(result["agents"])[0]]
+            _show_agents(task.folder / f"frame_{worst['frame']:04d}_agents.png")
         sentence = f"{verdict(result)} The report is in {place_of(task.folder)}."
         scene_cache.tidy()
         _verdicts[context.scene.session_uid] = sentence, _build_of(context.scene)
@@ -80,4 +81,21 @@ class CROWDLOD_OT_verify(Stepwise, bpy.types.Operator):
         return sentence
 
 
-CLASSES = (CROWDLOD_OT_verify,)
+def _no_proof(scene: bpy.types.Scene) -> str:
+    return "" if PROOF in bpy.data.images else "There is no proof yet: press Verify"
+
+
+class CROWDLOD_OT_show_proof(Reporting, bpy.types.Operator):
+    """Show the worst agents of the last proof: at full detail, as built, and where they differ"""
+
+    bl_idname = "crowd_lod.show_proof"
+    bl_label = "Show Proof"
+    bl_options = {"REGISTER"}
+    needs = (_no_proof,)
+
+    def run(self, context) -> str:
+        show_image(PROOF)
+        return f"A window shows the image {PROOF}."
+
+
+CLASSES = (CROWDLOD_OT_verify, CROWDLOD_OT_show_proof)

@@ -62,7 +62,7 @@ def read_surroundings(
             scenery.instanced = _few(
                 list(_instanced(scenery.shining(depsgraph), depsgraph, engine).values())
             )
-        lights, mirrors = _read(lamps, panes, depsgraph, engine)
+        lights, mirrors = _read_lights(lamps, panes, depsgraph, engine)
         lights += scenery.instanced
         box = None if _foggy(scene.world) else scenery.box(depsgraph)
     left_out = (NO_SHADOWS,) * (not lights) + (NO_MIRRORS,) * (not mirrors)
@@ -88,7 +88,7 @@ def read_moment(scene: bpy.types.Scene, time: float, at: frame_stepping.At) -> t
     return film, read_surroundings(scene, at((), time), time, at=at), read_shutter(scene, time, at)
 
 
-def _read(
+def _read_lights(
     lamps: list[Placed], panes: list[Placed], depsgraph, engine: str
 ) -> tuple[list[Light], list[Mirror]]:
     """Return the lights and mirrors as `depsgraph` has evaluated them."""
@@ -254,7 +254,7 @@ def _through(
     by_key = {}
     for time in times:
         depsgraph = at(items, time)
-        moments.append(_read(lamps, panes, depsgraph, engine))
+        moments.append(_read_lights(lamps, panes, depsgraph, engine))
         for key, light in _instanced(makers, depsgraph, engine).items():
             by_key.setdefault(key, []).append(light)
     lights, mirrors = zip(*moments, strict=True)

@@ -186,13 +186,13 @@ def _around(
 
 def _walked_through(names: Sequence[str], within: float) -> str:
     """Return a sentence on obstacles, and on the part of the agents that start within them."""
-    verb = "stands" if len(names) == 1 else "stand"
+    verb, them = ("stands", "it") if len(names) == 1 else ("stand", "these")
     more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
     start = f" ({within:.1%} of them start within)" if within else ""
     return (
         f"Agents would walk through {', '.join(names[:MOST_NAMES])}{more}, which {verb} on their "
         f"ground{start}: press {WALLS}, which leads them round what is selected, or else round "
-        f"these."
+        f"{them}."
     )
 
 
@@ -216,7 +216,7 @@ def places_of(part: Trajectory) -> np.ndarray:
 
 def _poses(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
     """Yield sentences on groups that builds show as still poses, each for a long time."""
-    fps = scene.render.fps / scene.render.fps_base
+    fps = scene_data.frame_rate(scene)
     reasons = [refusal(objects) for _, objects, _ in characters_of(scene)]
     cycles = np.array(
         [max(group.period, *(action.period for action in group.actions), 0.0) for group in groups]

@@ -79,7 +79,7 @@ def chosen_exemptions(
                     "paint it elsewhere, or switch the override off."
                 )
             exemptions[index] = Exemption(
-                entry.name, entry.kind, entry.level, agents, _told(entry), *_span(entry)
+                entry.name, entry.kind, entry.level, agents, _describe_agents(entry), *_span(entry)
             )
     return tuple(exemptions[index] for index in range(len(parts)))
 
@@ -105,7 +105,7 @@ def exceptions_by_number(
         try:
             agents = _whom(entry, trajectory)(0.0, lambda *_: None)
             exemption = Exemption(
-                entry.name, entry.kind, entry.level, agents, _told(entry), *_span(entry)
+                entry.name, entry.kind, entry.level, agents, _describe_agents(entry), *_span(entry)
             )
             check_level(exemption, policy.count, policy.finest, trajectory.start.group, names)
             exemptions.append(exemption)
@@ -281,5 +281,5 @@ def _place(entry) -> str:
     )
 
 
-def _told(entry) -> str:
+def _describe_agents(entry) -> str:
     return f"agents {entry.agents.strip()}" if entry.chosen_by == "NUMBERS" else _place(entry)

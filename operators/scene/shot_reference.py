@@ -292,7 +292,8 @@ def _of_crowd(trajectory: Trajectory) -> dict[str, str]:
     groups = trajectory.groups
     parts = trajectory.digests()
     bodies = [
-        (g.name, g.center, g.radius, g.stride, g.period, *g.actions, *_sizes(g)) for g in groups
+        (g.name, g.center, g.radius, g.girth, g.stride, g.period, *g.actions, *_sizes(g))
+        for g in groups
     ]
     clock = repr((bodies, trajectory.first_frame, trajectory.seconds_per_frame))
     return {

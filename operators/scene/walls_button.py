@@ -9,7 +9,7 @@ from ...crowd_lod.crowd.machine_walls import WALL, add_wall
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
 from ..blender import scene_data
-from ..blender.character_objects import is_scenery
+from ..blender.character_objects import selected_scenery
 from ..blender.operator import Reporting
 from ..machine import map_areas
 from ..machine.scene_world import machine_of, machine_text
@@ -31,17 +31,24 @@ class CROWDLOD_OT_walls_from_selection(Reporting, bpy.types.Operator):
     def run(self, context) -> str:
         scene = context.scene
         depsgraph = context.evaluated_depsgraph_get()
-        selected = [item for item in context.selected_objects if is_scenery(item)]
         walls = [
             (crowd, [item for item in items if _has_faces(item, depsgraph)])
-            for crowd, items in _in_the_way(scene, depsgraph, selected)
+            for crowd, items in _in_the_way(scene, depsgraph, selected_scenery(context))
         ]
         sentences = [_lead_round(*wall, depsgraph) for wall in walls if wall[1]]
         if not sentences:
             raise CrowdError(
                 "Nothing stands in the agents' way: select the objects that they are to walk round."
             )
-        return f"{' '.join(sentences)} Press Populate."
+        if not any(items for _, items in _in_the_way(scene, depsgraph, ())):
+            _forget_warnings(scene.crowd_lod)
+        return " ".join(sentences)
+
+
+def _forget_warnings(settings: bpy.types.PropertyGroup) -> None:
+    """Drop what Populate said of obstacles."""
+    lines = settings.trouble.splitlines()
+    settings.trouble = "\n".join(line for line in lines if WALLS not in line)
 
 
 def _in_the_way(
@@ -52,17 +59,18 @@ def _in_the_way(
     """Yield each crowd of the scene, and what its agents are to walk round.
 
     That is what they would walk through; with objects `selected`, those of it, and all of them for
-    the scene's own crowd.
+    the scene's own crowd, but for the ground.
     """
     settings = scene.crowd_lod
     left_out = set(settings.characters.all_objects)
     parts = trajectory_of(scene).parts
     for index, (crowd, part) in enumerate(zip(crowds_of(settings), parts, strict=True)):
+        places = places_of(part)
+        around = look_around(depsgraph, places, 0.0, scene_data.meters(scene), left_out)
+        grounds = set(around.names) - {""}
         if index == 0 and selected:
-            yield crowd, selected
+            yield crowd, [item for item in selected if grounds != {item.name}]
         elif crowd.use_crowd:
-            places = places_of(part)
-            around = look_around(depsgraph, places, 0.0, scene_data.meters(scene), left_out)
             items = find_obstacles(crowd, depsgraph, part, places, around.names)
             yield crowd, [item for item in items if not selected or item in selected]
 

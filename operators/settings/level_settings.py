@@ -60,6 +60,11 @@ class CrowdLodGroup(bpy.types.PropertyGroup):
         unit="LENGTH",
         description="Radius of the bounding sphere over the whole action",
     )
+    girth: FloatProperty(
+        name="Girth",
+        unit="LENGTH",
+        description="Largest distance from the vertical axis over the whole action; 0 if not known",
+    )
     stride: FloatProperty(
         name="Stride",
         unit="LENGTH",

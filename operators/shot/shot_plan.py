@@ -2,7 +2,6 @@
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from math import inf, isfinite
 from pathlib import Path
 from typing import Any
@@ -32,7 +31,7 @@ from ...crowd_lod.shot.phases import recast
 from ...crowd_lod.shot.shot_cost import Shot, meshes_of
 from ...crowd_lod.shot.survey import Survey
 from ...crowd_lod.shot.switches import WORST, largest, noticed
-from ...crowd_lod.shot.unneeded import needed_meshes
+from ...crowd_lod.shot.unneeded import needed_meshes, seen_characters
 from ...crowd_lod.shot.verdict import verdict_of
 from ..blender import cameras, scene_data
 from ..blender.machine_costs import costs_of
@@ -57,14 +56,16 @@ from ..settings.budgets import budget_of, possible_budgets
 from ..sources.crowd_sources import check_recorded
 from .planned_cameras import note_cameras
 from .scene_json import scene_json
-from .shot_survey import SurveyedShot, survey_of
+from .shot_survey import SurveyedShot, measured_groups, survey_of
 from .switch_crops import crops_of
 
-# the progress at which each stage ends
-READY = 0.2
-SURVEYED = 0.6
-DECIDED = 0.9
-CURVED = 0.95
+# Progress at which LOD meshes that were missing are made.
+READY = 0.3
+# How long the stages of a plan take, of 100; with a budget the decision takes as long as the rest.
+SURVEY, COLORING, DECISION, REPORT, POINTS, FILES = 42, 26, 5, 5, 12, 10
+BUDGETED = 95
+CURVED = 0.6  # of the report
+PLANNED = 1 - FILES / 100  # progress of `plan_shot` of all
 
 
 @dataclass(frozen=True)
@@ -112,31 +113,38 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
         )
     check_recorded(scene, "Plan Shot")
     yield from standing(cast_provenance.reading_afresh(scene), 0.0)
-    yield from share(ready(scene), 0.0, READY)
+    begin = READY if scene.crowd_lod.levels is None else 0.0
+    yield from share(ready(scene), 0.0, begin)
+    return (yield from share(_plan_ready(scene, request), begin, 1.0))
+
+
+def _plan_ready(
+    scene: bpy.types.Scene, request: PlanRequest
+) -> Generator[float, None, PlannedShot]:
+    """Plan the shot of a scene that has all its LOD meshes."""
+    decision = DECISION if request.budget == Budget() else BUDGETED
+    ends = np.cumsum([SURVEY, COLORING, decision, REPORT, POINTS])
+    surveyed, colored, decided, reported, _ = (ends / ends[-1]).tolist()
     trajectory = trajectory_of(scene)
     policy = policy_of(scene.crowd_lod)
     exemptions = exemptions_of(scene, trajectory, policy, request.frames)
-    through = yield from share(
-        survey_of(scene, request.frames, request.blurred),
-        READY,
-        SURVEYED,
-    )
-    planning = partial(
-        plan_phases,
+    through = yield from share(survey_of(scene, request.frames, request.blurred), 0.0, surveyed)
+    coloring = plan_phases(
         through.survey,
-        strides_of(trajectory.groups, trajectory.gaits),
+        strides_of(measured_groups(scene), trajectory.gaits),
         policy.tolerance,
         request.variety,
         trajectory.given_phases,
         trajectory.wearer,
     )
-    phases = yield from standing(aside(planning), SURVEYED)
-    survey = recast(through.survey, phases.phases)
-    reading = _shot_of(scene, excepted(survey, exemptions))
-    shot = yield from standing(reading, SURVEYED)
+    phases = yield from share(steps_aside(coloring), surveyed, colored)
+    casting = aside(lambda: recast(through.survey, phases.phases))
+    survey = yield from standing(casting, colored)
+    shot = yield from standing(_shot_of(scene, excepted(survey, exemptions)), colored)
     deciding = steps_aside(decide_within(shot, request.budget, request.avoid))
-    plan = yield from share(deciding, SURVEYED, DECIDED)
-    report = yield from share(_report_on(scene, through, phases, shot, plan), DECIDED, 1.0)
+    plan = yield from share(deciding, colored, decided)
+    report = yield from share(_report_on(scene, through, phases, shot, plan), decided, reported)
+    points = yield from share(steps_aside(find_points(shot, policy.tolerance)), reported, 1.0)
     bias = bias_of(scene.crowd_lod)
     yield from standing(cast_provenance.reading(scene), 1.0)
     stored = plan_file.StoredPlan(
@@ -147,10 +155,9 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
         made_for=shot_reference.plan_inputs(scene.crowd_lod, trajectory, policy, bias),
         tolerance=max(plan.tolerance, policy.tolerance or 0.0) or None,
         phases=phases.phases,
-        cast=needed_meshes(shot, plan.bill.agents_shown),
+        cast=(yield from standing(aside(lambda: needed_meshes(shot, plan.bill.agents_shown)), 1.0)),
         blend_file=printable(Path(bpy.data.filepath).name),
     )
-    points = yield from standing(steps_aside(find_points(shot, policy.tolerance)), 1.0)
     return PlannedShot(shot, plan, stored, report, request, exemptions, points)
 
 
@@ -160,11 +167,10 @@ def _shot_of(scene: bpy.types.Scene, survey: Survey) -> Generator[float, None, S
     characters = characters_of(scene)
     library = cast_of(characters, trajectory)
     cast = yield from holdings_of(characters, trajectory, library)
-    is_used = np.zeros(len(survey.owner), bool)
-    is_used[survey.character[survey.is_seen]] = True
+    is_used = yield from aside(lambda: seen_characters(survey))
     return Shot(
         survey,
-        meshes_of(trajectory.groups, policy_of(scene.crowd_lod).count),
+        meshes_of(measured_groups(scene), policy_of(scene.crowd_lod).count),
         costs_of(scene),
         cast.baked(survey.numbers, trajectory, library, is_used),
         cast.moved_as,
@@ -176,9 +182,11 @@ def _report_on(
 ) -> Generator[float, None, ShotReport]:
     """Find what there is to tell of the plan: yield the progress, return the report."""
     trajectory = trajectory_of(scene)
-    noticing = aside(lambda: noticed(shot, plan.levels, trajectory.spheres.radius))
-    changes = yield from standing(noticing, 0.0)
     eyes = [camera_of(numbers) for numbers in through.cameras[:, 0]]
+    meters = scene_data.meters(scene)
+    radius = meters * trajectory.spheres.radius
+    changes = yield from standing(aside(lambda: noticed(shot, plan.levels, radius)), 0.0)
+    judging = aside(lambda: verdict_of(shot.survey, changes, eyes, meters))
     curve = steps_aside(curve_of(shot, plan, policy_of(scene.crowd_lod).tolerance))
     drawing = crops_of(scene, through, phases.phases, largest(changes, WORST))
     names = [group.name for group in trajectory.groups]
@@ -187,7 +195,7 @@ def _report_on(
         shot=shot,
         plan=plan,
         noticed=changes,
-        verdict=verdict_of(shot.survey, changes, eyes, scene_data.meters(scene)),
+        verdict=(yield from standing(judging, 0.0)),
         curve=(yield from share(curve, 0.0, CURVED)),
         names=names,
         phases=phases,
@@ -220,23 +228,30 @@ def write_plan(
 
     command: the command line of the run.
     """
-    yield from standing(aside(lambda: write_levels(folder, planned)), 0.0)
     content = yield from standing(
-        scene_json(scene, scene, command, int(planned.stored.numbers[-1]), []), 1.0
+        scene_json(scene, scene, command, int(planned.stored.numbers[-1]), []), 0.0
     )
+    yield from standing(aside(lambda: _write_files(folder, planned, content)), 0.0)
+    return content
+
+
+def _write_files(folder: Path, planned: PlannedShot, content: dict[str, Any]) -> None:
+    """Write all of the plan's files; `content` of plan.json gets what it tells of the shot."""
+    write_levels(folder, planned)
     content |= shot_json(planned)
-    (folder / "plan.json").write_text(tables.to_json(content), encoding="utf-8")
-    (folder / "frames.csv").write_text(tables.to_csv(content["frames"]), encoding="utf-8")
-    (folder / "switches.csv").write_text(
-        tables.switches_csv(planned.report.noticed), encoding="utf-8"
-    )
-    for crop in planned.report.crops[:1]:
+    report = planned.report
+    texts = {
+        "plan.json": tables.to_json(content),
+        "frames.csv": tables.to_csv(content["frames"]),
+        "switches.csv": tables.switches_csv(report.noticed),
+        "report.html": shot_page(report),
+    }
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    for crop in report.crops[:1]:
         if crop is not None:
             pixels = np.rint(255 * np.concatenate(crop, axis=1)).astype(np.uint8)
             save_png(folder / "worst.png", pixels)
-    page = yield from standing(aside(lambda: shot_page(planned.report)), 1.0)
-    (folder / "report.html").write_text(page, encoding="utf-8")
-    return content
 
 
 def write_levels(folder: Path, planned: PlannedShot) -> None:
@@ -339,8 +354,8 @@ def plan_of_settings(scene: bpy.types.Scene) -> Generator[float, None, str]:
     folder = full_path(place)
     with files.staged(folder, plan_file.NAME) as part:
         request = wanted_of(scene, folder, scene_data.frames_of(scene))
-        planned = yield from share(plan_shot(scene, request), 0.0, 0.99)
-        yield from standing(write_plan(scene, part, planned, ["sidebar"]), 0.99)
+        planned = yield from share(plan_shot(scene, request), 0.0, PLANNED)
+        yield from share(write_plan(scene, part, planned, ["sidebar"]), PLANNED, 1.0)
     settings.shot_plan = f"{place}/{plan_file.NAME}"
     settings.use_shot_plan = True
     note_cameras(scene)

@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.animation.phase_classes import Library
+from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.crowd.leave_outs import LeftOut
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame import Frame, plan
@@ -20,7 +21,6 @@ from ...crowd_lod.progress import aside, share, standing
 from ...crowd_lod.shot.recording import Recorder, Recording, begin_recording
 from ...crowd_lod.shot.shot_cost import meshes_of
 from ...crowd_lod.shot.survey import Survey
-from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import cameras, frame_stepping, scene_data
 from ..characters.rig_needs import leads
 from ..lod_meshes.selection import cast_of
@@ -28,6 +28,8 @@ from ..machine.scene_world import bias_of
 from ..render_setup.cost_estimate import covered
 from ..scene import lights
 from ..scene.scene_crowd import characters_of, policy_of, trajectory_of
+
+THROUGH = 0.9  # the progress with which the shot is run through: the rest makes the survey
 
 
 @dataclass
@@ -60,20 +62,21 @@ def survey_of(
     times = [scene_data.remap(scene.render, number) for number in frames]
     recording = _begin(scene, frames, times, library)
     if blurred:
-        _coarsen_where_blurred(recording, trajectory, policy)
+        _coarsen_where_blurred(recording, measured_groups(scene), policy)
     views: list[np.ndarray] = []
     before: Frame | None = None
     took = Counter()
     with frame_stepping.step_frames(scene) as at, Recorder(recording) as recorder:
         for f, time in enumerate(times):
-            yield from share(approach(trajectory, time), f / len(frames), (f + 0.5) / len(frames))
+            begin, middle, end = (THROUGH * (f + part) / len(frames) for part in (0.0, 0.5, 1.0))
+            yield from share(approach(trajectory, time), begin, middle)
             eyes, around, shutter = lights.read_moment(scene, time, at)
             if trajectory_of(scene) is not trajectory or policy_of(settings) != policy:
                 raise _changes_at(frames[f])
             bias = bias_of(settings)
             planning = partial(plan, trajectory, eyes, policy, time, shutter, bias)
             planned = aside(partial(surrounded, planning, around))
-            frame = yield from standing(planned, (f + 0.5) / len(frames))
+            frame = yield from standing(planned, middle)
             film = cameras.bound_camera(scene, time)
             cut = f > 0 and film != cameras.bound_camera(scene, times[f - 1])
             samples = scene_data.samples_of(scene) * covered(frame)
@@ -81,7 +84,7 @@ def survey_of(
             views.append(numbers_of(eyes))
             took.update(frame.milliseconds)
             before = frame
-            yield (f + 1) / len(frames)
+            yield end
         recorder.finish()
     if len({numbers.shape for numbers in views}) > 1:
         raise CrowdError(
@@ -89,7 +92,8 @@ def survey_of(
             "apart."
         )
     milliseconds = {name: total / len(frames) for name, total in took.items()}
-    survey = yield from standing(aside(recording.make_survey), 1.0)
+    making = aside(recording.make_survey, lambda: 1 - len(recording.records) / len(frames))
+    survey = yield from share(making, THROUGH, 1.0)
     return SurveyedShot(survey, np.array(views), milliseconds, around.left_out)
 
 
@@ -99,7 +103,7 @@ def _begin(
     trajectory = trajectory_of(scene)
     lead = leads(characters_of(scene), trajectory.groups)
     moved_as = library.moved_as(trajectory.gaits, lead)
-    return begin_recording(
+    recording = begin_recording(
         frames,
         times,
         trajectory.start.group,
@@ -107,6 +111,8 @@ def _begin(
         library,
         library.roles(trajectory.gaits, moved_as),
     )
+    recording.meters = scene_data.meters(scene)
+    return recording
 
 
 def _changes_at(frame: int) -> CrowdError:
@@ -116,8 +122,13 @@ def _changes_at(frame: int) -> CrowdError:
     )
 
 
+def measured_groups(scene: bpy.types.Scene) -> list[Group]:
+    """Return the groups of the scene's crowd with their lengths in meters, as of its surveys."""
+    return [group.scaled(scene_data.meters(scene)) for group in trajectory_of(scene).groups]
+
+
 def _coarsen_where_blurred(
-    recording: Recording, trajectory: Trajectory, policy: LevelPolicy
+    recording: Recording, groups: Sequence[Group], policy: LevelPolicy
 ) -> None:
     """Let the recording have LODs that are coarser where their agents are blurred.
 
@@ -128,5 +139,5 @@ def _coarsen_where_blurred(
             "Coarser Where Blurred needs LODs by tolerance: set Choose LODs to By Tolerance, "
             "or switch it off."
         )
-    recording.bounds = meshes_of(trajectory.groups, policy.count).bounds
+    recording.bounds = meshes_of(groups, policy.count).bounds
     recording.blurred = policy.tolerance

@@ -99,12 +99,12 @@ def posed_agent(
                 @ Matrix.Translation(-home.instance_offset)
             )
             bodies.append(
-                body and _only(_moved(body, placed), np.full(len(body.triangles), k != NOTHING))
+                body and _only(_move_body(body, placed), np.full(len(body.triangles), k != NOTHING))
             )
     return bodies, materials
 
 
-def _moved(body: Body, matrix: np.ndarray) -> Body:
+def _move_body(body: Body, matrix: np.ndarray) -> Body:
     """Return `body` moved by `matrix` (4, 4), which turns, scales evenly and shifts."""
     turn = matrix[:3, :3].T
     normals = body.normals @ (turn / np.cbrt(np.linalg.det(turn)))

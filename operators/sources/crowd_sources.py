@@ -41,7 +41,7 @@ _together: dict[int, tuple[tuple, Trajectory]] = scene_cache.add_cache({}, by_sc
 # By scene: the agents that were dressed last, and they with what they wear.
 _worn: dict[int, tuple[Trajectory, Trajectory]] = scene_cache.add_cache({}, by_scene=True)
 
-ASKED = start_source.places_outdated, terrain_source.terrain_outdated
+QUESTIONS = start_source.places_outdated, terrain_source.terrain_outdated
 
 
 def crowds_of(settings) -> list[bpy.types.PropertyGroup]:
@@ -51,7 +51,7 @@ def crowds_of(settings) -> list[bpy.types.PropertyGroup]:
 
 def inputs_of(scene: bpy.types.Scene) -> tuple:
     """Return the inputs of the trajectory, without the character groups and pixels of images."""
-    numbers = [_asked(crowd) for crowd in crowds_of(scene.crowd_lod)]
+    numbers = [_settings_of(crowd) for crowd in crowds_of(scene.crowd_lod)]
     images = [
         tuple(image and image.session_uid for image in _images(crowd))
         for crowd in crowds_of(scene.crowd_lod)
@@ -114,8 +114,7 @@ def read_sources(
         start_source.read_places(crowd, forward, depsgraph)
         terrain_source.read_terrain(crowd, depsgraph)
         yield 0.0
-    render = crowds[0].id_data.render
-    yield from tracks_source.read_files(crowds, render.fps / render.fps_base)
+    yield from tracks_source.read_files(crowds, scene_data.frame_rate(crowds[0].id_data))
     for crowd in crowds:
         terrain = terrain_source.terrain_of(crowd, area_of(crowd).z)
         if terrain is not None:
@@ -146,7 +145,7 @@ def outdated(scene: bpy.types.Scene) -> list[str]:
     if not len(scene.crowd_lod.groups):
         return []
     sentences = [
-        note for crowd in crowds_of(scene.crowd_lod) for ask in ASKED for note in ask(crowd)
+        note for crowd in crowds_of(scene.crowd_lod) for ask in QUESTIONS for note in ask(crowd)
     ]
     return [*sentences, *props_outdated(scene), *action_outdated(scene)]
 
@@ -155,7 +154,7 @@ def _images(crowd) -> tuple:
     return crowd.map_image, crowd.height_image, crowd.areas_image if len(crowd.areas) else None
 
 
-def _asked(crowd) -> tuple:
+def _settings_of(crowd) -> tuple:
     """Return the numbers and texts of a crowd's settings that its trajectory depends on."""
     numbers = (
         *crowd.center,
@@ -267,7 +266,7 @@ def _member(
         return trajectory
     # Pixels are compared at each call: nothing tells when they change.
     images = [image and image_data.read_values(image) for image in _images(crowd)]
-    inputs = _asked(crowd), groups, seconds
+    inputs = _settings_of(crowd), groups, seconds
     if (
         before is None
         or before[0] != inputs
@@ -319,7 +318,7 @@ def _walk(crowd, groups: tuple[Group, ...], seconds: float) -> Trajectory:
             seated=seated,
         )
 
-    return _kept(
+    return _cached(
         repr(key).encode() + world.labels.tobytes() + world.strays.tobytes() + relief, make
     )
 
@@ -340,7 +339,7 @@ def _recorded(crowd, groups: tuple[Group, ...], seconds: float) -> Trajectory:
         place = crowd.first_frame, crowd.seed, tuple(crowd.center)
         return Recorded(tracks, lean, group, seconds, *place, heights=heights, tilts=crowd.tilt)
 
-    return _kept(repr(key).encode() + (b"" if heights is None else heights.digest()), make)
+    return _cached(repr(key).encode() + (b"" if heights is None else heights.digest()), make)
 
 
 def _start(crowd, machine: StateMachine, world: LabelMap, groups: Draw) -> tuple[Crowd, bool]:
@@ -364,7 +363,7 @@ def _start(crowd, machine: StateMachine, world: LabelMap, groups: Draw) -> tuple
     return start_places.settle(places, crowd.seed, groups, machine, world), seated
 
 
-def _kept(data: bytes, make: Callable[[], Trajectory]) -> Trajectory:
+def _cached(data: bytes, make: Callable[[], Trajectory]) -> Trajectory:
     """Return the cached trajectory for the inputs `data`, or the result of `make`."""
     digest = hashlib.sha256(data).digest()
     if digest not in _trajectories:
@@ -396,7 +395,7 @@ def draw_of(crowd, groups: Sequence[Group]) -> Draw:
 
 
 def widen_for_lean(groups: tuple[Group, ...], heights: Ground) -> tuple[Group, ...]:
-    """Return `groups` with spheres wide enough for characters that lean on slopes.
+    """Return `groups` with spheres wide enough for characters that lean on slopes; no girths.
 
     A lean by t moves the sphere's center, h meters above the feet, by 2 h sin(t / 2). The radius
     grows by as much, for the steepest slope of `heights`.
@@ -404,5 +403,6 @@ def widen_for_lean(groups: tuple[Group, ...], heights: Ground) -> tuple[Group, .
     # pitch and roll are float32
     away = 2 * np.sin(np.arctan(np.hypot(*heights.steepest)) / 2) * (1 + 1e-6)
     return tuple(
-        replace(group, radius=float(group.radius + abs(group.center) * away)) for group in groups
+        replace(group, radius=float(group.radius + abs(group.center) * away), girth=0.0)
+        for group in groups
     )

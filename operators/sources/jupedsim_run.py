@@ -178,9 +178,8 @@ def _solid(request: SimulationRequest) -> Any:
     shapely = _module("shapely")
     area = request.world.area
     middle = (area.x_min + area.x_max) / 2, (area.y_min + area.y_max) / 2
-    lines = shapely.union_all(
-        shapely.linestrings(request.obstacles - middle)
-    )  # cut where they cross
+    # cut where they cross
+    lines = shapely.union_all(shapely.linestrings(request.obstacles - middle))
     closed = shapely.get_parts(shapely.polygonize([lines]))
     return shapely.union_all([*closed, lines.buffer(0.01, cap_style="square", join_style="mitre")])
 

@@ -12,6 +12,7 @@ from ..blender import scene_data
 
 WHOLE = "INT", "INT8"  # types of attributes
 WIDTHS = {"FLOAT_VECTOR": 3, "FLOAT4X4": 16}
+# of objects that have a geometry
 KINDS = (
     "MESH",
     "POINTCLOUD",
@@ -21,7 +22,7 @@ KINDS = (
     "FONT",
     "META",
     "VOLUME",
-)  # of objects that have a geometry
+)
 ALIVE = 3  # Particle.alive_state
 
 

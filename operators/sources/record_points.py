@@ -27,6 +27,7 @@ from ..settings import needs
 from .crowd_sources import crowds_of, draw_of, is_live
 from .points_source import NoPoints, check_ids, read_points
 
+# settings that recording sets
 SOURCE = (
     "source",
     "tracks_file",
@@ -34,7 +35,7 @@ SOURCE = (
     "tracks_rate",
     "tracks_up",
     "first_frame",
-)  # settings that recording sets
+)
 STEPPED = 0.95  # part of the progress
 
 
@@ -165,10 +166,11 @@ def record_crowds(
     """
     crowds = [crowd for crowd in crowds_of(scene.crowd_lod) if is_live(crowd)]
     cast = all_characters(scene)
+    # of groups nothing else counts here
     groups = tuple(
         Group(member.name, 0.0, 0.0, 0.0, 0.0, variant_of=member.variant_of, slot=member.slot)
         for member in cast
-    )  # nothing else counts
+    )
     ends = scene.frame_start, scene.frame_end, *frames
     since, until = (scene_data.remap(scene.render, frame) for frame in (min(ends), max(ends)))
     times = range(int(np.floor(since)), int(np.ceil(until)) + 1)
@@ -274,7 +276,7 @@ def _rows(
         heading=column("heading"),
         phase=column("phase"),
         group=None if group is None else names[group],
-        rate=crowd.id_data.render.fps / crowd.id_data.render.fps_base,
+        rate=scene_data.frame_rate(crowd.id_data),
     )
 
 

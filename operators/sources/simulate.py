@@ -67,15 +67,15 @@ def _request_of(scene: bpy.types.Scene, index: int) -> SimulationRequest:
     check_counts(crowd.count)
     machine = machine_of(crowd)
     meters = scene_data.meters(scene)
-    walls = _named(machine, "Walls", crowd.wall_labels, "wall")
-    goals = _named(machine, "Goals", crowd.goal_labels, "exit")
+    walls = _labels_in(machine, "Walls", crowd.wall_labels, "wall")
+    goals = _labels_in(machine, "Goals", crowd.goal_labels, "exit")
     if not goals.any():
         raise CrowdError(
             f"Name the labels that agents walk to in Goals: the state machine has "
             f"{', '.join(machine.labels)}."
         )
     starts = (
-        _named(machine, "Starts", crowd.start_labels)
+        _labels_in(machine, "Starts", crowd.start_labels)
         if crowd.start_labels.strip()
         else machine.spawn
     )
@@ -89,7 +89,7 @@ def _request_of(scene: bpy.types.Scene, index: int) -> SimulationRequest:
         count=crowd.count,
         seed=crowd.seed,
         seconds=crowd.simulated_seconds,
-        rate=scene.render.fps / scene.render.fps_base,
+        rate=scene_data.frame_rate(scene),
     )
 
 
@@ -98,7 +98,7 @@ def _in_meters(world: LabelMap, meters: float) -> LabelMap:
     return replace(world, area=Area(*(edge * meters for edge in astuple(world.area))))
 
 
-def _named(machine: StateMachine, setting: str, text: str, usual: str = "") -> np.ndarray:
+def _labels_in(machine: StateMachine, setting: str, text: str, usual: str = "") -> np.ndarray:
     """Return which labels the text names, (L,) bool; CrowdError if there is no such label.
 
     usual: the label that counts if the text is empty, where the state machine has it.

@@ -63,15 +63,17 @@ def tracks_of_crowd(crowd, usual: float) -> Tracks:
     CrowdError if it cannot be read or used.
     """
     stamp = stamp_of(crowd)
-    told = _told(crowd, usual)
-    return _kept(stamp, told) or _read(stamp, told, [0.0])
+    options = _reading_options(crowd, usual)
+    return _known_tracks(stamp, options) or _read_tracks(stamp, options, [0.0])
 
 
 def notes_on_frames(crowd) -> str:
     """Return a sentence for the sidebar on the frames of the crowd's file, if it has been read."""
     scene = crowd.id_data
     try:
-        tracks = _kept(stamp_of(crowd), _told(crowd, scene.render.fps / scene.render.fps_base))
+        tracks = _known_tracks(
+            stamp_of(crowd), _reading_options(crowd, scene_data.frame_rate(scene))
+        )
     except CrowdError:
         tracks = None
     if tracks is None:
@@ -85,16 +87,18 @@ def notes_on_frames(crowd) -> str:
 def read_files(crowds: list, usual: float) -> Generator[float, None, None]:
     """Read the crowds' files into the cache of `tracks_of_crowd`; yield the progress, 0 to 1."""
     files = dict.fromkeys(
-        (stamp_of(crowd), _told(crowd, usual)) for crowd in crowds if crowd.source == "FILE"
+        (stamp_of(crowd), _reading_options(crowd, usual))
+        for crowd in crowds
+        if crowd.source == "FILE"
     )
     for k, (stamp, options) in enumerate(files):
-        if _kept(stamp, options) is None:
+        if _known_tracks(stamp, options) is None:
             progress = [0.0]
 
             def read(
                 stamp: tuple = stamp, options: tuple = options, progress: list = progress
             ) -> Tracks:
-                return _read(stamp, options, progress)
+                return _read_tracks(stamp, options, progress)
 
             yield from share(
                 aside(read, lambda progress=progress: progress[0]),
@@ -103,7 +107,7 @@ def read_files(crowds: list, usual: float) -> Generator[float, None, None]:
             )
 
 
-def _told(crowd, usual: float) -> tuple[str, float, float, str, float]:
+def _reading_options(crowd, usual: float) -> tuple[str, float, float, str, float]:
     """Return the options of reading: unit, rate, usual rate, upward axis, meters per unit."""
     rate = round(float(crowd.tracks_rate), 6)
     return (
@@ -115,12 +119,12 @@ def _told(crowd, usual: float) -> tuple[str, float, float, str, float]:
     )
 
 
-def _kept(stamp: tuple, told: tuple) -> Tracks | None:
+def _known_tracks(stamp: tuple, options: tuple) -> Tracks | None:
     content = _contents.get(stamp)
-    return None if content is None else _files.get((content, *told))
+    return None if content is None else _files.get((content, *options))
 
 
-def _read(stamp: tuple, options: tuple, progress: list[float]) -> Tracks:
+def _read_tracks(stamp: tuple, options: tuple, progress: list[float]) -> Tracks:
     path = Path(stamp[0])
     try:
         content = content_of(path)

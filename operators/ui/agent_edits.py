@@ -132,7 +132,7 @@ def _next_group(trajectory: Trajectory, agent: int) -> str:
     return groups[(groups.index(shown) + 1) % len(groups)].name
 
 
-def _found(context, entry) -> str:
+def _write_numbers(context, entry) -> str:
     """Write the agents whom the entry's region or map chooses now as its numbers.
 
     Returns a sentence; CrowdError if there are none.
@@ -161,7 +161,7 @@ class CROWDLOD_OT_find_agents(Reporting, bpy.types.Operator):
 
     def run(self, context) -> str:
         settings = context.scene.crowd_lod
-        return _found(context, settings.exceptions[settings.exception_index])
+        return _write_numbers(context, settings.exceptions[settings.exception_index])
 
 
 class CROWDLOD_OT_erase(Reporting, bpy.types.Operator):
@@ -195,7 +195,7 @@ class CROWDLOD_OT_erase(Reporting, bpy.types.Operator):
             entry.kind = "HIDE"
             entry.region = region
             entry.share = self.share
-            sentence = _found(context, entry)
+            sentence = _write_numbers(context, entry)
         except CrowdError:
             settings.exceptions.remove(len(settings.exceptions) - 1)
             raise

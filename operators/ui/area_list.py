@@ -3,7 +3,7 @@
 import bpy
 
 from ...crowd_lod.format import counted
-from ..blender.character_objects import is_scenery
+from ..blender.character_objects import selected_scenery
 from ..blender.operator import Reporting
 from ..machine import map_areas
 from ..machine.machine_editor import draft_of, selected_name
@@ -35,7 +35,7 @@ class CROWDLOD_OT_add_area(Reporting, bpy.types.Operator):
         settings = context.scene.crowd_lod
         labels = map_areas.machine_of(settings).labels
         label = "wall" if "wall" in labels else selected_name(scene, "labels") or labels[-1]
-        items = [item for item in context.selected_objects if is_scenery(item)]
+        items = selected_scenery(context)
         for item in items or [None]:
             entry = settings.areas.add()
             entry.name = item.name if item else "Area"

@@ -72,7 +72,10 @@ class CROWDLOD_PT_crowds(Step, bpy.types.Panel):
         if not len(settings.crowds):
             label(layout, "One plan covers all crowds", "INFO")
             return
-        draw_source(layout, settings.crowds[_selected(settings)])
+        crowd = settings.crowds[_selected(settings)]
+        draw_source(layout, crowd)
+        if len(settings.groups) > 1:
+            layout.prop(crowd, "group_names")
 
 
 class _OfCrowd(Step):
@@ -135,7 +138,6 @@ def draw_source(layout, crowd) -> None:
         layout.prop(crowd, "count")
         draw_start(layout, crowd)
     layout.prop(crowd, "seed")
-    layout.prop(crowd, "group_names")
     active_column(layout, crowd.source != "POINTS").prop(crowd, "center")
     stretched = crowd.source == "FILE" and crowd.height_image is not None  # over the crowd's ground
     active_column(layout, crowd.source == "MACHINE" or stretched).prop(crowd, "size")

@@ -119,4 +119,4 @@ def paragraph(layout, sentence: str, icon: str, letters: int) -> None:
 
 def letters_of(context) -> int:
     """Return how many letters fit in a line of the sidebar."""
-    return int(context.region.width / context.preferences.system.ui_scale / 7.2) - 5
+    return int(context.region.width / context.preferences.system.ui_scale / 6.3) - 5

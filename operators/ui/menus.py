@@ -32,6 +32,7 @@ WORK = (
     "export_usd",
     "write_farm_job",
     "verify",
+    "show_proof",
     "reset",
 )
 

@@ -138,6 +138,7 @@ class CROWDLOD_PT_groups(Step, bpy.types.Panel):
         groups = [group for group in settings.groups if not group.variant_of]
         for group in groups[:MOST_ROWS] if len(groups) > 1 else ():
             layout.prop(group, "share", text=f"{group.name} Share", translate=False)
+        layout.prop(settings, "group_names")
 
 
 class CROWDLOD_PT_crowd_advanced(Step, bpy.types.Panel):
@@ -157,6 +158,10 @@ class CROWDLOD_PT_crowd_advanced(Step, bpy.types.Panel):
 class CROWDLOD_PT_samples(Step, bpy.types.Panel):
     bl_label = "Sample Scenes"
     bl_parent_id = "CROWDLOD_PT_crowd"
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        return context.scene.crowd_lod.characters is None
 
     def body(self, context, layout, settings) -> None:
         row = layout.row()

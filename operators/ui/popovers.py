@@ -17,7 +17,7 @@ from ..settings.budgets import budget_of, possible_budgets
 from . import steps
 from .drawing import LOD_COLORS, MOST_ROWS, button, distance, label, paragraph, table
 
-LETTERS = 50  # in a line of a popover
+LETTERS = 62  # in a line of a popover
 
 
 class _Popover:

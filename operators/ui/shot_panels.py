@@ -28,13 +28,6 @@ class CROWDLOD_PT_plan(Step, bpy.types.Panel):
     main = ("crowd_lod.plan_shot", "Plan")
 
     def body(self, context, layout, settings) -> None:
-        layout.prop(settings, "own_frames")
-        column = active_column(layout, settings.own_frames and not settings.frames).column(
-            align=True
-        )
-        frames = settings if settings.own_frames else context.scene
-        column.prop(frames, "frame_start")
-        column.prop(frames, "frame_end")
         wide(layout, settings, "avoid_percent")
         _with_report(
             layout, "crowd_lod.plan_shot", "TIME", "PLAN", steps.next_operator(context.scene)
@@ -50,11 +43,12 @@ class CROWDLOD_PT_plan(Step, bpy.types.Panel):
         label(layout, *describe_hold(context.scene))
 
 
-def _with_report(layout, name: str, icon: str, report: str, following: str) -> None:
-    """Draw the button of a step, and beside it the one that opens its report."""
+def _with_report(layout, name: str, icon: str, report: str, following: str) -> bpy.types.UILayout:
+    """Draw the button of a step, and beside it the one that opens its report; return the row."""
     row = layout.row(align=True)
     button(row, name, icon=icon, following=following)
     row.operator("crowd_lod.open_report", text="", icon="URL").which = report
+    return row
 
 
 def describe_hold(scene: bpy.types.Scene) -> tuple[str, str]:
@@ -151,10 +145,17 @@ class CROWDLOD_PT_plan_advanced(Step, bpy.types.Panel):
 
 
 class CROWDLOD_PT_plan_output(Step, bpy.types.Panel):
-    bl_label = "Output"
+    bl_label = "Frames and Output"
     bl_parent_id = "CROWDLOD_PT_plan"
 
     def body(self, context, layout, settings) -> None:
+        layout.prop(settings, "own_frames")
+        column = active_column(layout, settings.own_frames and not settings.frames).column(
+            align=True
+        )
+        frames = settings if settings.own_frames else context.scene
+        column.prop(frames, "frame_start")
+        column.prop(frames, "frame_end")
         layout.prop(settings, "frames")
         row = layout.row(align=True)
         row.prop(settings, "output_folder")
@@ -290,9 +291,10 @@ class CROWDLOD_PT_verify(Step, bpy.types.Panel):
 
     def body(self, context, layout, settings) -> None:
         layout.prop(settings, "verify_count")
-        _with_report(
+        row = _with_report(
             layout, "crowd_lod.verify", "CHECKMARK", "VERIFY", steps.next_operator(context.scene)
         )
+        row.operator("crowd_lod.show_proof", text="", icon="IMAGE_DATA")
 
 
 class CROWDLOD_PT_verify_advanced(Step, bpy.types.Panel):

@@ -36,6 +36,8 @@ class Step(Sidebar):
         if self.step:
             presets_button(self.layout, self.step)
         if self.bl_parent_id == Step.bl_parent_id:
+            if not self.step:
+                self.layout.label(icon="BLANK1")  # below one another in all steps
             help_button(self.layout, self.bl_label)
 
     def draw(self, context) -> None:

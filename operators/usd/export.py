@@ -186,7 +186,7 @@ def _instances(
     library, instances = cast
     agents = cast[1].agents
     turn = float(scene_data.rotation(scene.crowd_lod.forward))
-    speed = scene.render.fps / scene.render.fps_base
+    speed = scene_data.frame_rate(scene)
     for count, (number, plan) in enumerate(plans.items()):
         time = scene_data.remap(scene.render, number)
         yield from share(approach(trajectory, time), count / len(plans), (count + 0.9) / len(plans))

@@ -181,7 +181,7 @@ class CrowdFile:
         """Write the file to disk; frames: the first and the last."""
         self.stage.SetStartTimeCode(frames[0])
         self.stage.SetEndTimeCode(frames[1])
-        speed = self.scene.render.fps / self.scene.render.fps_base
+        speed = scene_data.frame_rate(self.scene)
         self.stage.SetTimeCodesPerSecond(speed)
         self.stage.SetFramesPerSecond(speed)
         with self._writing():

@@ -87,13 +87,13 @@ class Materials:
                 and path.is_file()
             )
             self._files[image] = (
-                self._named(path)
+                self._relative_path(path)
                 if is_named and path.suffix.lower() in READ_BY_ALL
                 else self._saved(image)
             )
         return self._files[image]
 
-    def _named(self, file: Path) -> str:
+    def _relative_path(self, file: Path) -> str:
         try:
             return f"./{Path(os.path.relpath(file, self.place.parent)).as_posix()}"
         except ValueError:  # on another drive

@@ -180,7 +180,7 @@ def form_of(
 def _form(mesh: bpy.types.Mesh, matrix: np.ndarray, evaluated: bpy.types.Object) -> Form | None:
     if not len(mesh.polygons):
         return None
-    points = _read(mesh.vertices, "co", 3)
+    points = _read_column(mesh.vertices, "co", 3)
     vectors, per = _normals(mesh)
     turn = np.linalg.det(matrix[:3, :3]) < 0
     inverse = np.linalg.pinv(matrix[:3, :3])
@@ -188,14 +188,14 @@ def _form(mesh: bpy.types.Mesh, matrix: np.ndarray, evaluated: bpy.types.Object)
     vectors /= np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12)
     layer = next((each for each in mesh.uv_layers if each.active_render), None)
     slots = tuple(slot.material for slot in evaluated.material_slots) or (None,)
-    slot = _read(mesh.polygons, "material_index", 1, np.int32)
+    slot = _read_column(mesh.polygons, "material_index", 1, np.int32)
     form = Form(
         points=(points @ matrix[:3, :3].T + matrix[:3, 3]).astype(np.float32),
-        sizes=_read(mesh.polygons, "loop_total", 1, np.int32),
-        corners=_read(mesh.loops, "vertex_index", 1, np.int32),
+        sizes=_read_column(mesh.polygons, "loop_total", 1, np.int32),
+        corners=_read_column(mesh.loops, "vertex_index", 1, np.int32),
         normals=vectors.astype(np.float32),
         per=per,
-        uv=None if layer is None else _read(layer.uv, "vector", 2),
+        uv=None if layer is None else _read_column(layer.uv, "vector", 2),
         slots=np.minimum(slot, len(slots) - 1),
         materials=slots,
         mirrored=bool(turn),
@@ -214,10 +214,10 @@ def _normals(mesh: bpy.types.Mesh) -> tuple[np.ndarray, str]:
         "FACE": mesh.polygon_normals,
         "CORNER": mesh.corner_normals,
     }[mesh.normals_domain]
-    return _read(source, "vector", 3), mesh.normals_domain
+    return _read_column(source, "vector", 3), mesh.normals_domain
 
 
-def _read(
+def _read_column(
     items: bpy.types.bpy_prop_collection, name: str, width: int, kind: type = np.float32
 ) -> np.ndarray:
     """Return the values `name` of all items, (n, width), or (n,) for a width of 1."""

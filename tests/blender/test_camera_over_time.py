@@ -72,11 +72,14 @@ def test_the_bounding_sphere_holds_the_action_between_frames_too(scene):  # noqa
         item.location.x = 0.3 * np.sin(frame)
         item.keyframe_insert("rotation_euler", frame=frame)
         item.keyframe_insert("location", frame=frame)
-    center, radius = bounds("swinging", (0, 0, 0), finished(posing([item], frames_of(1, 13))))
+    center, radius, girth = bounds(
+        "swinging", (0, 0, 0), finished(posing([item], frames_of(1, 13)))
+    )
     for time in np.arange(1, 13, 0.1):
         scene.frame_set(int(time), subframe=float(time % 1))
         points = mesh_data.world_points(item.evaluated_get(scene.view_layers[0].depsgraph))
         assert np.linalg.norm(points - (0, 0, center), axis=1).max() <= radius
+        assert np.hypot(*points[:, :2].T).max() <= girth
     assert radius < 3 * 2.1
 
 

@@ -54,3 +54,15 @@ def test_walls_are_made_of_what_is_in_the_way(street):
     assert not (np.abs(places_of(street)) < 1.9).all(axis=1).any()
     with pytest.raises(RuntimeError, match="Nothing stands in the agents' way"):
         bpy.ops.crowd_lod.walls_from_selection()
+
+
+def test_neither_characters_nor_the_ground_become_walls(street):
+    """Characters from Selection leaves its characters selected."""
+    settings = street.crowd_lod
+    assert "press Walls from Selection" in warnings_of(street)
+    bpy.ops.object.select_all(action="SELECT")
+    bpy.data.objects["bridge"].select_set(False)
+    bpy.data.objects["kerb"].select_set(False)
+    bpy.ops.crowd_lod.walls_from_selection()
+    assert [area.name for area in settings.areas] == ["kiosk"]
+    assert "Walls from Selection" not in settings.trouble

@@ -282,6 +282,9 @@ def test_a_shot_plan_and_its_export_are_alike_in_every_unit(scaled, tmp_path):
         # by ratio: a search by tolerance may end with another LOD where the seventh digit differs
         assert bpy.ops.crowd_lod.make_levels() == {"FINISHED"}
         scene.crowd_lod.choice = "BY_TOLERANCE"
+        scene.crowd_lod.tolerance = 8.0
+        scene.crowd_lod.avoid_pops = 0.0
+        zoom_in(scene)
         file, out, usd = (
             tmp_path / f"{name}{scale:g}" for name in ("crowd.blend", "plan", "crowd")
         )
@@ -300,8 +303,32 @@ def test_a_shot_plan_and_its_export_are_alike_in_every_unit(scaled, tmp_path):
     (plan, places), *others = found
     for other, there in others:
         assert other["frames"] == plan["frames"]
+        assert sum(frame["switches"] for frame in plan["frames"]) > 0
+        for name in ("verdict", "phases"):
+            assert_alike(other["shot"][name], plan["shot"][name])
         for own, group in zip(other["crowd"]["groups"], plan["crowd"]["groups"], strict=True):
             for name in ("radius", "center", "stride", "diagonal"):
                 assert own[name] == pytest.approx(group[name], rel=1e-3)
             assert own["triangles"] == group["triangles"]
         np.testing.assert_allclose(there, places, rtol=1e-4, atol=1e-3)
+
+
+def zoom_in(scene):
+    """Near and large enough that a kilometer shows over 65,504 pixels, the most of a float16."""
+    scene.render.resolution_x = 1920
+    scene.render.resolution_y = 1080
+    for frame, scene.camera.data.lens in ((1, 15.0), (3, 100.0)):
+        scene.camera.data.keyframe_insert("lens", frame=frame)
+
+
+def assert_alike(own, other):
+    """Compare what JSON holds: numbers to a thousandth."""
+    assert type(own) is type(other)
+    if isinstance(own, dict):
+        assert own.keys() == other.keys()
+        own, other = [*own.values()], [*other.values()]
+    if isinstance(own, list):
+        for pair in zip(own, other, strict=True):
+            assert_alike(*pair)
+    else:
+        assert own == (pytest.approx(other, rel=1e-3) if isinstance(other, float) else other)

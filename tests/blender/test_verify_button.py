@@ -7,6 +7,7 @@ from urllib.parse import unquote
 
 import bpy
 import pytest
+from crowd_lod_extension.crowd_lod.validation.render_proof import worst_agents
 from crowd_lod_extension.operators.runs.open_report import REPORTS, report_path
 from crowd_lod_extension.sample_scenes.scenery import add, material, tile
 
@@ -44,6 +45,8 @@ def test_a_few_frames_of_the_shot_are_proved_and_reported(levelled, tmp_path, ca
         and result["width"] == 64
         and result["samples"] == 1
     )
+    worst = result["agents"][worst_agents(result["agents"])[0]]
+    assert proof.filepath.endswith(f"frame_{worst['frame']:04d}_agents.png")
     read = Reader(path.read_text(encoding="utf-8"))
     said = next(
         text

@@ -69,7 +69,7 @@ def test_groups_that_lose_their_lods_are_not_called_finer():
     rows = ("a", (1.0, 0.4), (1.0,)), ("b", (1.0,), (1.0, 0.1)), ("c", (1.0, 0.1), (1.0, 0.2))
     told = Forecast(1.0, rows)
     assert told.short == "About: 1 group coarser, 1 group finer, 1 group without LODs"
-    assert "a from 100, 40 % of the triangles to no LODs" in told.sentence
+    assert "a from 100, 40% of the triangles to no LODs" in told.sentence
 
 
 def places(scene):

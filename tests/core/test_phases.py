@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.animation.phase_classes import Library, first_blocks
 from crowd_lod_extension.crowd_lod.crowd.agents import CLASSES
+from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.shot import coloring
 from crowd_lod_extension.crowd_lod.shot.coloring import plan_phases
 from crowd_lod_extension.crowd_lod.shot.meetings import (
@@ -32,7 +33,7 @@ def shot():
 def planned(shot):
     trajectory, survey = shot
     strides = strides_of(trajectory.groups, trajectory.gaits)
-    return plan_phases(survey, strides, 1.0)
+    return finished(plan_phases(survey, strides, 1.0))
 
 
 def test_palettes_are_even_and_each_class_takes_the_nearest_of_them():
@@ -159,7 +160,7 @@ def test_coloring_finds_no_step_where_there_need_be_none():
     """Rings of agents, each of which meets its two neighbors: as few as two or three colors do."""
     meetings = ring_of(30)
     none = np.zeros(30, np.uint8)
-    phases = coloring.color(meetings, Phases(none, np.array([3], np.uint8), none))
+    phases = finished(coloring.color(meetings, Phases(none, np.array([3], np.uint8), none)))
     assert meetings.share_in_step(phases) == 0
 
 
@@ -170,7 +171,7 @@ def test_coloring_is_near_the_best_of_all_colorings():
     start = Phases(none, np.array([2], np.uint8), none)
     best = min(meetings.share_in_step(replace(start, shift=shift)) for shift in shifts)
     assert best == pytest.approx(1 / 7)
-    assert meetings.share_in_step(coloring.color(meetings, start)) <= 3 / 7
+    assert meetings.share_in_step(finished(coloring.color(meetings, start))) <= 3 / 7
 
 
 def ring_of(agents):
@@ -184,7 +185,7 @@ def ring_of(agents):
 def test_what_meets_nobody_has_the_fewest_classes(shot):
     trajectory, survey = shot
     alone = replace(survey, encounters=Encounters())
-    plan = plan_phases(alone, strides_of(trajectory.groups, trajectory.gaits), 1.0)
+    plan = finished(plan_phases(alone, strides_of(trajectory.groups, trajectory.gaits), 1.0))
     assert (plan.phases.counts == coloring.FEWEST_CLASSES).all() and plan.in_step == 0
 
 
@@ -209,7 +210,7 @@ def test_near_agents_take_few_classes_of_their_palettes():
     none = np.zeros(30, np.uint8)
     near = np.arange(30) < 15
     start = Phases(none, np.array([8], np.uint8), none)
-    shift = coloring.color(meetings, start, near=near).shift
+    shift = finished(coloring.color(meetings, start, near=near)).shift
     assert len(np.unique(shift[near])) <= coloring.FEWEST_CLASSES
     assert set(shift[~near]) <= set(palette(8))
 
@@ -217,7 +218,7 @@ def test_near_agents_take_few_classes_of_their_palettes():
 def test_near_agents_share_few_classes_where_variety_allows():
     """So few classes show fine LODs, while all agents together have more."""
     trajectory, survey = plaza_shot(6000, range(1, 10))
-    plan = plan_phases(survey, strides_of(trajectory.groups, trajectory.gaits), 1.0)
+    plan = finished(plan_phases(survey, strides_of(trajectory.groups, trajectory.gaits), 1.0))
     again = recast(survey, plan.phases)
     block = survey.roles.block[again.character]
     agent = np.concatenate(
@@ -241,7 +242,7 @@ def test_given_phases_stay(shot):
     trajectory, survey = shot
     given = np.arange(len(survey.group)) % 2 == 0
     strides = strides_of(trajectory.groups, trajectory.gaits)
-    phases = plan_phases(survey, strides, 1.0, fixed=given).phases
+    phases = finished(plan_phases(survey, strides, 1.0, fixed=given)).phases
     crowd = trajectory.at(20)
     shown = phases.applied(crowd, trajectory.gaits).phase_class
     assert (shown == crowd.phase_class)[given].all()
@@ -261,7 +262,7 @@ def test_agents_whose_class_drifts_in_sight_have_finer_palettes(shot):
     drifted = survey.character - own + (own + drift) % CLASSES
     seen = survey.kind != 0
     survey = replace(survey, character=np.where(seen, drifted, 0).astype(np.uint16))
-    plan = plan_phases(survey, strides_of(trajectory.groups, trajectory.gaits), 1.0)
+    plan = finished(plan_phases(survey, strides_of(trajectory.groups, trajectory.gaits), 1.0))
     near = np.zeros(len(survey.group), bool)
     for block, scale in survey.cells.tables(survey.scale):
         near[block.agents] = (scale > 60).any(axis=0)

@@ -3,9 +3,11 @@
 import pytest
 from crowd_lod_extension.crowd_lod.validation.render_proof import (
     agents_row,
+    describe_difference,
     is_ok,
     to_text,
     verdict,
+    worst_agents,
 )
 
 ROW = {"frame": 3, "culling_ok": True, "lod_ok": True, "b_pixels": 0, "bare_pixels": 40, "c_share": 0.018, "c_mean": 0.0021,
@@ -157,3 +159,10 @@ def test_the_row_of_a_frame_tells_who_is_judged_and_who_stands_apart():
     ) == (1, 0.5, 1, 9.0, True)
     assert not agents_row([AGENT | {"ok": False}], 1.0)["lod_ok"]
     assert agents_row([], None)["silhouette_shift"] is None
+
+
+def test_an_agent_that_is_not_ok_is_shown_first_with_what_is_wrong():
+    agents = [AGENT | {"shift_px": 0.9 - 0.1 * k} for k in range(6)]
+    agents[5] |= {"ok": False, "color_off": 0.14}
+    assert worst_agents(agents) == [5, 0, 1, 2]
+    assert [describe_difference(agents[k]) for k in (5, 0)] == ["color 14% off", "0.9 px off"]

@@ -47,7 +47,7 @@ def test_lines_tell_all_figures_of_the_frame():
     assert said[4:] == ["Triangles  20 k of 50 k without LOD", "Largest error  0.432 px"]
     frame = replace(frame, hidden=np.arange(6) > 4)
     (line,) = (line for line in hud.figures(frame, by_level(frame)) if "scenery" in line.text)
-    assert line == hud.Line("Behind scenery  1", HIDDEN[:3])
+    assert line == hud.Line("Hidden by scenery  1", HIDDEN[:3])
 
 
 def test_lines_of_lods_bear_their_tints_and_an_agent_that_of_its_own():
@@ -57,8 +57,8 @@ def test_lines_of_lods_bear_their_tints_and_an_agent_that_of_its_own():
     (agent,) = (line for line in said if line.text.startswith("Agent"))
     assert agent.color == pytest.approx(TINTS[2])
     assert agent.text == (
-        "Agent 3, Group child, State walk left, Shown far away, LOD 2, Depth 30 m, Size 12.5 "
-        "pixels, LOD error 0.41 pixels"
+        "Agent: 3, Group: child, State: walk left, Shown: far away, LOD: 2, Depth: 30 m, "
+        "Size: 12.5 pixels, LOD error: 0.41 pixels"
     )
 
 
@@ -71,7 +71,9 @@ def test_other_colors_have_a_legend_and_lods_then_no_color(by):
     names = {
         by_state: frame.trajectory.machine.states,
         by_group: ("adult", "child"),
-        by_reason: [reason[0].upper() + reason[1:] for reason in REASONS],
+        by_reason: [  # those that some agent has
+            REASONS[k][0].upper() + REASONS[k][1:] for k in sorted({*colors.index.tolist()})
+        ],
     }[by]
     lines = said[4 : 4 + len(names)]
     assert texts(lines) == [*names] and said[4 + len(names)].text == "A note."
@@ -84,7 +86,7 @@ def test_other_colors_have_a_legend_and_lods_then_no_color(by):
         assert (
             colors.of_agent(agent, True)
             == tuple(color[:3])
-            == lines[int(colors.index[agent])].color
+            == lines[[*names].index(colors.names[int(colors.index[agent])])].color
         )
 
 

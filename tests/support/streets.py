@@ -102,16 +102,22 @@ def blocked_by_triangles(corners, camera, points):
     return blocked
 
 
-def inside_spheres(random, centers, radius, count):
-    """(n, count, 3) places in the spheres, most of them at their surface."""
+def inside_spheres(random, centers, radius, count, girth=np.inf):
+    """(n, count, 3) places in the spheres, most of them at their surface.
+
+    They are no farther than `girth` from the vertical through the center.
+    """
     way = random.normal(size=(len(centers), count, 3))
-    way /= np.linalg.norm(way, axis=2, keepdims=True)
-    return centers[:, None] + way * radius * random.random((1, count, 1)) ** 0.1
+    way *= radius / np.linalg.norm(way, axis=2, keepdims=True)
+    way *= random.random((1, count, 1)) ** 0.1
+    aside = np.linalg.norm(way[..., :2], axis=2, keepdims=True)
+    way[..., :2] *= np.minimum(girth / aside, 1)
+    return centers[:, None] + way
 
 
-def find_seen(random, camera, centers, radius, blocked, count=40):
-    """Whether some of `count` places in each sphere are seen, (n,) bool."""
-    points = inside_spheres(random, centers, radius, count).reshape(-1, 3)
+def find_seen(random, camera, centers, radius, blocked, count=40, girth=np.inf):
+    """Whether some of `count` places in each body are seen, (n,) bool; see inside_spheres."""
+    points = inside_spheres(random, centers, radius, count, girth).reshape(-1, 3)
     free = pictured(camera, points)
     free[free] = ~blocked(camera, points[free])
     return free.reshape(len(centers), count).any(axis=1)

@@ -2,6 +2,8 @@
 while the overlay is on.
 """
 
+import time
+
 import bpy
 import robot
 from mathutils import Quaternion, Vector
@@ -272,10 +274,10 @@ def repeat():
     """Disabled and enabled, the crowd drawn in between now and then."""
     before = robot.leftovers()
     memory = []
-    for number in range(100):
+    for number in range(40):
         robot.toggle()
         yield 0.02
-        if number % 20 == 19:
+        if number % 10 == 9:
             yield from seen()
             memory.append(robot.memory())
     return {
@@ -289,6 +291,6 @@ def repeat():
 def lifecycle(folder):
     results = {}
     for step in (inspect, views, rendered, losses, files, breakage, repeat):
-        print(f"--- lifecycle: {step.__name__}", flush=True)
+        print(f"--- lifecycle: {step.__name__} {time.process_time():.0f} s", flush=True)
         results[step.__name__] = yield from (step(folder) if step in (rendered, files) else step())
     return results

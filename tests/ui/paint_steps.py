@@ -20,7 +20,6 @@ results = {}
 
 
 def session():
-    bpy.context.preferences.system.viewport_aa = "OFF"
     yield from robot.sample("chapter")
     settings().count = 400
     settings().overlay_mode = "POINTS"

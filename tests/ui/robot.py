@@ -54,6 +54,8 @@ def start(folder):
     faulthandler.enable()
     _folder = folder
     bpy.context.preferences.view.show_splash = False
+    # software OpenGL draws sixteen samples a pixel otherwise
+    bpy.context.preferences.system.viewport_aa = "OFF"
     bpy.ops.preferences.addon_disable(module=MODULE)
     bpy.types.SpaceView3D.draw_handler_add(lambda: _draws.append(1), (), "HEADER", "POST_PIXEL")
     draw_handlers = Counted()

@@ -34,9 +34,6 @@ def saved(path: str, folder: str):
     """Save a small plaza with all that our buttons need, whose shot plan and previews are in the
     folder.
     """
-    bpy.context.preferences.system.viewport_aa = (
-        "OFF"  # software OpenGL draws sixteen samples a pixel otherwise
-    )
     yield from robot.sample("plaza")
     settings = robot.settings()
     settings.count = AGENTS

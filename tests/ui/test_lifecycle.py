@@ -17,7 +17,7 @@ def test_pointing_at_an_agent_tells_of_it_a_click_keeps_it_and_esc_does_not(seen
     assert inspect["modal"] == inspect["still modal"] == 0
 
 
-ALL_IS_WELL = {"handlers": 2, "agents": 4096, "problem": None}
+ALL_IS_WELL = {"handlers": 2, "agents": 1000, "problem": None}
 
 
 def test_quad_view_windows_local_view_and_hidden_overlays(seen):
@@ -68,11 +68,11 @@ def test_an_error_in_either_part_of_the_drawing_lets_all_go_and_is_told_once(see
         assert breakage[f"after {part}"] == ALL_IS_WELL
 
 
-def test_a_hundred_times_disabled_and_enabled_leaves_nothing(seen):
+def test_forty_times_disabled_and_enabled_leaves_nothing(seen):
     repeat = seen["lifecycle"]["repeat"]
     assert repeat["before"] == repeat["after"] and repeat["seen"] == ALL_IS_WELL
-    if None not in repeat["memory"]:  # what is there after 20 times is still all after 100
-        assert repeat["memory"][-1] - repeat["memory"][0] < 64e6
+    if None not in repeat["memory"]:  # what is there after 10 times is still all after 40
+        assert repeat["memory"][-1] - repeat["memory"][0] < 24e6
 
 
 def test_the_console_holds_no_other_error(seen):

@@ -13,8 +13,7 @@ STEPS = (
     "preview",
     "escape",
     "no_camera",
-    "breakage",
-    "repeat",
+    "deleted",
     "plaza",
     "leave",
 )
@@ -41,7 +40,7 @@ def test_the_sample_scene_is_made_and_populated(seen):
     sample = seen["sample"]
     assert sample["status"] == ["FINISHED", "MODAL"]
     assert sample["scene"] == "Chapter" and sample["overlay"]
-    assert 0 < sample["visible"] == sum(sample["counts"]) < 4096
+    assert 0 < sample["visible"] == sum(sample["counts"]) < 1000
     assert all(sample["counts"])
 
 
@@ -89,11 +88,9 @@ def test_the_build_holds_the_overlays_agents_and_follows_undo_redo_and_frame(see
 
 def test_the_preview_leaves_its_files_and_nothing_in_the_scene(seen):
     pictures = [f"{view}_{frame}.png" for view in ("above", "main") for frame in ("0001", "0060")]
-    chains = [f"levels_{name}.png" for name in ("adult", "child", "heavy")]
     assert seen["preview"]["files"] == sorted(
         [
             *pictures,
-            *chains,
             "contact_sheet.png",
             "frames.csv",
             "plan.json",
@@ -117,20 +114,8 @@ def test_without_a_camera_buttons_and_overlay_say_so(seen):
     assert missing["camera is back"]["visible"] > 0
 
 
-def test_an_unforeseen_error_while_drawing_is_told_once(seen):
-    assert "made by the test" in seen["breakage"]["problem"]
-    assert seen["console"].count("ZeroDivisionError: made by the test\n") == 1
-    assert seen["breakage"]["handlers"] == 0
-    assert seen["breakage"]["afterwards"]["time"] == 61
-
-
-def test_disabling_and_enabling_leaves_nothing(seen):
-    assert seen["repeat"]["before"] == seen["repeat"]["after"]
-    assert seen["repeat"]["before"]["draw handlers"] == 2
-
-
 def test_a_scene_that_is_shown_may_be_deleted(seen):
-    assert seen["repeat"]["scene"] == "Scene"
+    assert seen["deleted"]["scene"] == "Scene"
     assert seen["plaza"]["visible"] > 0
 
 
@@ -139,6 +124,5 @@ def test_blender_is_quit_amid_a_preview_which_leaves_nothing(seen):
     assert seen["exit"] == 0 and not (seen["folder"] / "left").exists()
 
 
-def test_the_console_holds_no_other_error(seen):
-    assert seen["exit"] == 0
-    assert seen["console"].count("Traceback") == 1  # of breakage
+def test_the_console_holds_no_error(seen):
+    assert seen["exit"] == 0 and "Traceback" not in seen["console"]

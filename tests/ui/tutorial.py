@@ -85,11 +85,13 @@ def own_scene():
     settings().verify_count = 1
     settings().verify_width = 160
     settings().output_folder = str(FOLDER / "output")
-    if not FOR_PAGE:
+    if FOR_PAGE:
+        bpy.context.preferences.system.viewport_aa = "8"
+    else:
         settings().method = "DECIMATE"  # the quickest
+        settings().verify_samples = 1
         scene().frame_end = 8
         scene().render.resolution_percentage = 50
-        bpy.context.preferences.system.viewport_aa = "OFF"
 
 
 def made():
