@@ -48,6 +48,7 @@ RENDERS = (
 )
 ENGINES = {**scene_data.BLENDER_ENGINES, "WORKBENCH": "BLENDER_WORKBENCH"}
 SHOWN = 70  # the frame that is rendered
+LEAST_CROWD = 0.05  # of what a street without a crowd takes
 LIMIT = 1200.0  # seconds, to make a file or to render it
 
 
@@ -260,9 +261,9 @@ def judge_many(number: int) -> dict:
 def compare_renders(folder: Path, engine: str, agents: int) -> list[dict]:
     """Rows for bakes of a frame without a crowd, with everyone, and without who is hidden.
 
-    Each has its parts of what everyone takes, whole and less what nobody takes.
+    Each has its parts of what everyone takes, whole and less what nobody takes (none where
+    everyone takes hardly more than that).
     """
-
     rows = []
     for way in ("nobody", "everyone", "occlusion"):
         file = str(folder / f"{way}_{agents}.blend")
@@ -279,8 +280,10 @@ def compare_renders(folder: Path, engine: str, agents: int) -> list[dict]:
     for row, pixels in zip(rows, values, strict=True):
         for name in ("cpu_s", "peak_mb"):
             row[f"{name}_part"] = round(row[name] / everyone[name], 3)
-            crowd = max(everyone[name] - nobody[name], 0.01)
-            row[f"{name}_part_of_crowd"] = round((row[name] - nobody[name]) / crowd, 3)
+            crowd = everyone[name] - nobody[name]
+            is_told = crowd > LEAST_CROWD * nobody[name]
+            part = round((row[name] - nobody[name]) / crowd, 3) if is_told else None
+            row[f"{name}_part_of_crowd"] = part
         row["values_that_differ"] = int((np.abs(pixels - values[1]) > 1e-4).sum())
         print(*row.values(), sep="\t", flush=True)
     return rows

@@ -17,7 +17,8 @@ from .scenery import Placed, Scenery, matrix_of
 MOST_TRIANGLES = 300_000  # of an object: a second of preparation
 NAMED = 5  # objects that a reason names
 SIMULATED = {"CLOTH", "DYNAMIC_PAINT", "EXPLODE", "FLUID", "OCEAN", "SOFT_BODY"}
-UNSTEADY_NODES = {"IS_VIEWPORT", "SIMULATION_OUTPUT"}
+PARTICLES_SHOWN = {"OBJECT", "COLLECTION"}  # as instances of these
+INSTANCING_NODES = {"INSTANCE_ON_POINTS", "COLLECTION_INFO"}
 
 # of meshes, by the digest of their points and triangles
 _shapes: dict[bytes, Shape] = scene_cache.add_cache({})
@@ -96,6 +97,9 @@ def read_occluders(
         item, inside = placed
         if item in excluded or any(block in excluded for block in inside):
             continue
+        if _instances_others(item):
+            unread = "nodes, particles, vertices or faces of these instance it"
+            reading.refused.setdefault(unread, []).append(item.name)
         reason = _reason_against(placed, scene, layers, depsgraph)
         if not reason and item not in meshes:
             meshes[item] = _opaque_mesh(item.evaluated_get(depsgraph), layers)
@@ -150,6 +154,7 @@ def _reason_against(
                 or depsgraph.mode != "RENDER"
                 and not (shows_alike(item) and _subdivides_alike(item, scene))
                 or _is_culled(item, scene)
+                or _has_nodes(item, {"IS_VIEWPORT"})
             ),
         ),
         (
@@ -162,7 +167,7 @@ def _reason_against(
             lambda: not np.isfinite(matrix_of(placed, depsgraph)).all(),
         ),
         ("it is simulated", lambda: _is_simulated(item)),
-        ("it is drawn as lines or see-through", lambda: not _is_drawn(evaluated)),
+        ("the viewport draws it as lines or see-through", lambda: not _is_drawn(evaluated)),
     ]
     return next((reason for reason, holds in tests if holds()), "")
 
@@ -205,18 +210,35 @@ def _is_culled(item: bpy.types.Object, scene: bpy.types.Scene) -> bool:
 
 def _is_simulated(item: bpy.types.Object) -> bool:
     """Return whether physics or simulation nodes shape or move the object."""
-    trees = [m.node_group for m in item.modifiers if m.type == "NODES" and m.node_group]
     return (
         any(m.type in SIMULATED for m in item.modifiers)
         or (item.rigid_body is not None and item.rigid_body.type == "ACTIVE")
-        or any(map(_is_unsteady, trees))
+        or _has_nodes(item, {"SIMULATION_OUTPUT"})
     )
 
 
-def _is_unsteady(tree: bpy.types.NodeTree) -> bool:
+def _instances_others(item: bpy.types.Object) -> bool:
+    """Return whether the object may make instances that are not read."""
+    return (
+        item.instance_type in ("VERTS", "FACES")
+        or any(each.settings.render_type in PARTICLES_SHOWN for each in item.particle_systems)
+        or (_has_nodes(item, INSTANCING_NODES) and not _has_nodes(item, {"REALIZE_INSTANCES"}))
+    )
+
+
+def _has_nodes(item: bpy.types.Object, types: Container[str]) -> bool:
+    """Return whether the object's node modifiers have a node of one of these types."""
     return any(
-        node.type in UNSTEADY_NODES
-        or (node.type == "GROUP" and node.node_tree is not None and _is_unsteady(node.node_tree))
+        _tree_has(m.node_group, types)
+        for m in item.modifiers
+        if m.type == "NODES" and m.node_group is not None
+    )
+
+
+def _tree_has(tree: bpy.types.NodeTree, types: Container[str]) -> bool:
+    return any(
+        node.type in types
+        or (node.type == "GROUP" and node.node_tree and _tree_has(node.node_tree, types))
         for node in tree.nodes
     )
 
@@ -233,17 +255,21 @@ class _Mesh:
     points: (n, 3) float32.
     triangles: (m, 3).
     digest: of both.
+    has_faces: whether it has triangles, opaque or not.
     """
 
     points: np.ndarray
     triangles: np.ndarray
     digest: bytes
+    has_faces: bool
 
 
 def _reason_against_mesh(mesh: _Mesh | None) -> str:
     if mesh is None:
         return f"it has more than {MOST_TRIANGLES:,} triangles"
-    return "" if len(mesh.triangles) else "its materials may let light through"
+    if not mesh.has_faces:
+        return "it has no faces"
+    return "" if len(mesh.triangles) else "its materials may let light through or move its surface"
 
 
 def _part_of(mesh: _Mesh, matrix: np.ndarray) -> _Part:
@@ -277,4 +303,4 @@ def _opaque_mesh(
     solid = triangles[is_solid[np.clip(slots[faces], 0, len(is_solid) - 1)]]
     digest = hashlib.blake2b(points.tobytes(), digest_size=16)
     digest.update(solid.tobytes())
-    return _Mesh(points, solid, digest.digest())
+    return _Mesh(points, solid, digest.digest(), len(triangles) > 0)

@@ -42,6 +42,7 @@ from ..lod_meshes.selection import MOST_FRAMES, cast_of
 from ..machine.scene_world import bias_of
 from ..scene import lights
 from ..scene.scene_crowd import characters_of, home_of, policy_of, trajectory_of
+from ..scene.scene_occluders import STAGE
 from ..scene.shot_reference import use_of
 from ..sources.record_points import on_record
 from .file_size import weigh_file, weigh_what_renders
@@ -79,6 +80,7 @@ class Estimate:
     hidden: part of the agents in the picture that scenery hides with their shadows; None if that is
         not asked for.
     hidden_agents: their number, the mean of the frames.
+    refused: sentences on the scenery that hides nobody.
     rendered_file: bytes of a file that holds only what a bake of the scene's own choice needs to
         render.
     """
@@ -90,6 +92,7 @@ class Estimate:
     rendered_file: float
     hidden: float | None = None
     hidden_agents: float = 0.0
+    refused: tuple[str, ...] = ()
 
     @cached_property
     def prices(self) -> dict[str, Price]:
@@ -155,7 +158,8 @@ class Estimate:
             return ""
         gain = f" Scenery hides {self.hidden:.0%} of the agents in the picture"
         if self.hidden < LEAST_HIDDEN:
-            return f"{gain}, which gains next to nothing: switch off Hide Behind Scenery."
+            gain += ", which gains next to nothing: switch off Hide Behind Scenery."
+            return " ".join([gain, *self.refused])
         if self.costs.engine == "CYCLES" and self.hidden_agents < LEAST_IN_CYCLES:
             return (
                 f"{gain}, {self.hidden_agents:,.0f} a frame: so few instances cost Cycles next to "
@@ -254,7 +258,7 @@ def estimate(
     added = price(baked_work, costs).file - weight
     once = _bytes_of_stills(choices[mine], library, is_held, owner)
     rendered_file = weigh_what_renders(scene, objects) + added - once
-    hidden = views.hidden, views.hidden_agents
+    hidden = views.hidden, views.hidden_agents, views.refused
     return Estimate(works, costs, frames, looked_at, rendered_file, *hidden)
 
 
@@ -306,12 +310,14 @@ class _Seen(NamedTuple):
     rays: (F,) float64, samples of the pixels that agents cover.
     hidden: part of the agents in the picture that scenery hides with their shadows, or None.
     hidden_agents: their number, the mean of the frames.
+    refused: sentences on the scenery that hides nobody in the last frame.
     """
 
     agents_shown: dict[str, np.ndarray]
     rays: np.ndarray
     hidden: float | None
     hidden_agents: float
+    refused: tuple[str, ...]
 
 
 def _look_at(
@@ -358,7 +364,8 @@ def _look_at(
     counts = {name: np.array(rows) for name, rows in agents_shown.items()}
     share_hidden = hidden_agents / max(in_picture, 1) if settings.occlusion else None
     planned = max(len(numbers) * len(choices), 1)
-    return _Seen(counts, np.array(rays), share_hidden, hidden_agents / planned)
+    refused = tuple(item.reason for item in around.left_out if item.stage == STAGE)
+    return _Seen(counts, np.array(rays), share_hidden, hidden_agents / planned, refused)
 
 
 def _count_shown(frame: Frame, library: Library, trajectory: Trajectory, count: int) -> np.ndarray:

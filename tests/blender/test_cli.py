@@ -45,6 +45,7 @@ def test_preview_of_a_file_leaves_pictures_table_and_plan(tmp_path, capfd):
     for name in ("child", "heavy"):
         settings.characters.children.unlink(settings.characters.children[name])
     settings.method = "DECIMATE"
+    settings.lod_pictures = False
     file = tmp_path / "chapter.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(file))
     capfd.readouterr()
@@ -58,7 +59,6 @@ def test_preview_of_a_file_leaves_pictures_table_and_plan(tmp_path, capfd):
         "above_0060.png",
         "contact_sheet.png",
         "frames.csv",
-        "levels_adult.png",
         "main_0001.png",
         "main_0060.png",
         "plan.json",
@@ -254,7 +254,6 @@ def shell(line, folder, **variables):
         ("CLI sample chapter --out a.blend >/dev/full", 1, "", "No space left on device"),
         ("CLI sample chapter --out a.blend --json >/dev/full 2>&-", 1, "", ""),
         ("CLI report cull --pairs 800 <&- 2>/dev/full", 0, "telephoto", ""),
-        ("CLI report cull --pairs 800 2>&-", 0, "telephoto", ""),
         ("CLI preview none.blend 2>/dev/full", 1, "", ""),
         ("CLI --help >/dev/full", 1, "", "No space left on device"),
         ("CLI fly 2>&-", 2, "", ""),
@@ -289,9 +288,8 @@ def test_paths_that_cannot_be_are_refused_before_any_work(tmp_path, monkeypatch,
 
 @posix
 @pytest.mark.once
-@pytest.mark.parametrize("words", ["sample chapter", "build chapter --quiet --out x.blend"])
-def test_a_working_folder_that_is_gone_is_told(tmp_path, words):
-    line = f"mkdir gone && cd gone && rmdir ../gone && CLI {words}"
+def test_a_working_folder_that_is_gone_is_told(tmp_path):
+    line = "mkdir gone && cd gone && rmdir ../gone && CLI sample chapter"
     code, out, said = shell(line, tmp_path)
     assert (code, out) == (1, "") and said.count("\n") == 1
     assert said.startswith("crowd-lod: The working folder, in which")

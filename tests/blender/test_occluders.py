@@ -83,7 +83,10 @@ def reasons_of(scene):
 def test_what_is_not_solid_hides_nobody_and_is_told(street):
     whole = 13 * 12 + 2
     assert triangles_of(street) == whole
-    assert "materials may let light through: House 0 1, House 0 3." in reasons_of(street)
+    assert (
+        "materials may let light through or move its surface: House 0 1, House 0 3."
+        in reasons_of(street)
+    )
     item = bpy.data.objects["House 0 0"]
     item.visible_camera = False
     assert triangles_of(street) == whole - 12 and "does not see it: House 0 0" in reasons_of(street)
@@ -97,6 +100,15 @@ def test_what_is_not_solid_hides_nobody_and_is_told(street):
     item.modifiers.new("Subdivision", "SUBSURF").render_levels = 3
     assert "otherwise than the viewport: House 0 0" in reasons_of(street)
     item.modifiers.clear()
+    tree = bpy.data.node_groups.new("Scatter", "GeometryNodeTree")
+    tree.nodes.new("GeometryNodeInstanceOnPoints")
+    item.modifiers.new("Nodes", "NODES").node_group = tree
+    assert "vertices or faces of these instance it: House 0 0" in reasons_of(street)
+    tree.nodes.new("GeometryNodeIsViewport")
+    assert "otherwise than the viewport: House 0 0" in reasons_of(street)
+    item.modifiers.clear()
+    street.collection.objects.link(bpy.data.objects.new("Path", bpy.data.meshes.new("Path")))
+    assert "it has no faces: Path" in reasons_of(street)
     item.parent = bpy.data.objects["House 2 4"]
     item.parent.instance_type = "VERTS"
     assert "instancing alone: House 0 0" in reasons_of(street)
@@ -205,8 +217,9 @@ def test_estimate_tells_the_gain_and_the_digest_the_scenery(street):
     bpy.data.objects["House 0 0"].location.z = 0
     assert scenery_digest(street) == before
     for item in street.objects:
-        item.hide_render = item.name.startswith("House")
-    assert "next to nothing" in finished(estimate(street, settings, [1])).sentence
+        item.hide_render = item.name.startswith("House") and item.name != "House 0 1"
+    sentence = finished(estimate(street, settings, [1])).sentence
+    assert "next to nothing" in sentence and sentence.endswith("its surface: House 0 1.")
     settings.occlusion = False
     assert "Scenery" not in finished(estimate(street, settings, [1])).sentence
     assert scenery_digest(street) == {}

@@ -26,14 +26,14 @@ SOON = 3.0  # seconds, on a machine with much else to do; else it is a quarter o
 COMMANDS = {
     "sample": "sample chapter --out out/x.blend",
     "preview": "preview {small} --frames 1,9 --width 64 --out out",
-    "build": "build {small} --out out/x.blend",
     "bake": "build {small} --bake --frames 1:3 --out out/x.blend",
     "verify": "verify {small} --frames 1 --width 64 --samples 1 --out out",
-    "error": "report error {small} --repeats 1 --out out",
 }
 if TRIALS > 2:
     COMMANDS |= {
         "export": "export {small} --frames 1,9 --out out/x.usdc",
+        "build": "build {small} --out out/x.blend",
+        "error": "report error {small} --repeats 1 --out out",
         "simulate": "simulate {small} --seconds 2 --agents 20 --out out/x.blend",
         "extremes": "report extremes --most 20000 --out out/x.md",
         "jobs": "preview {small} --frames 1,9 --width 64 --jobs 2 --out out",
