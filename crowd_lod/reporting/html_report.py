@@ -164,9 +164,11 @@ def _rule(levels: dict) -> str:
             if levels.get("shading_counts")
             else ""
         )
+        limits = levels["budget"]
+        budget = f", or by what the budget asks for ({limits})" if limits else ""
         return (
             f"LODs are chosen so that no surface lies off its character's by more than "
-            f"{levels['tolerance']:g} px{shading}."
+            f"{levels['tolerance']:g} px{shading}{budget}."
         )
     by = {"AXIS": "depth", "RADIAL": "distance from the camera", "PIXELS": "size in pixels"}[
         levels["metric"]

@@ -25,7 +25,7 @@ def png_of(pixels: np.ndarray) -> bytes:
         struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
         for kind, data in parts
     )
-    return file_checks.PNG + chunks
+    return file_checks.PNG_BEGINS + chunks
 
 
 def save_png(path: Path, pixels: np.ndarray) -> None:

@@ -75,15 +75,16 @@ def savings(
         return np.array([behavior, sum(rest)]), frame.left_out
 
     left_out = set(measured(ALL)[1])
-    order = [item for item in ITEMS if item in left_out and item is not STATIC] + [STATIC] * (
-        STATIC in left_out
-    )
+    # a plan that holds leaves nothing else to save: it comes last
+    order = sorted((item for item in ITEMS if item in left_out), key=lambda item: item is STATIC)
     choices = [frozenset(order[:k]) for k in range(len(order) + 1)]
     took = np.array([[measured(leave)[0] for leave in choices] for _ in range(repeats)])
-    # Only the part in which an item can save anything counts: the other is the clock's noise.
-    part = [0 if item.stage == "behavior" else 1 for item in order]
-    gained = {item: took[:, k, part[k]] - took[:, k + 1, part[k]] for k, item in enumerate(order)}
-    quarters = {item: np.percentile(gained[item], (25, 50, 75)) for item in ITEMS if item in gained}
+    quarters = {}
+    for k, item in enumerate(order):
+        # only the part in which an item can save anything counts: the other is the clock's noise
+        part = 0 if item.stage == "behavior" else 1
+        quarters[item] = np.percentile(took[:, k, part] - took[:, k + 1, part], (25, 50, 75))
+    quarters = {item: quarters[item] for item in ITEMS if item in quarters}
     full, lean = np.median(took[:, [0, -1]].sum(axis=2), axis=0)
     return Savings(
         float(full),

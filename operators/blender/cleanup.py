@@ -1,6 +1,6 @@
 """Context managers that remove data-blocks or restore settings afterwards."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
@@ -51,17 +51,23 @@ def removed_on_failure(blocks: Iterable[bpy.types.ID]) -> Iterator[None]:
 
 
 @contextmanager
-def restore_settings(*owners: bpy.types.bpy_struct) -> Iterator[None]:
+def restore_settings(
+    *owners: bpy.types.bpy_struct, only: Container[str] | None = None
+) -> Iterator[None]:
     """Restore the settings of `owners` at the end.
 
     Restored are each owner's own writable properties, except collections.
+
+    only: names of those to restore; None for all.
     """
     with quiet():  # asked for its device, Cycles looks for all that there are, and says so
         pointers = ((owner, prop) for owner in owners for prop in owner.bl_rna.properties)
         names = [
             (owner, prop.identifier)
             for owner, prop in pointers
-            if not prop.is_readonly and prop.type != "COLLECTION"
+            if not prop.is_readonly
+            and prop.type != "COLLECTION"
+            and (only is None or prop.identifier in only)
         ]
         before = [(owner, name, _plain(getattr(owner, name))) for owner, name in names]
     try:

@@ -65,7 +65,7 @@ def walk_among(
         return None
     before = rig.animation_data.action
     fit = walk_of(rig)
-    reason = ", by whose name it walks"
+    reason = ", a walk by its name"
     speeds = feet_speeds(rig, items, [before, fit.action] if fit else [before])
     if fit is None:
         reason = ", whose feet fit the speed best"

@@ -252,7 +252,7 @@ def _add_ground(scene: bpy.types.Scene, path: Path) -> bpy.types.Collection:
 
 def _filled(scene: bpy.types.Scene) -> Generator[float, None, str]:
     """Populate the scene, add camera and light: yield the progress, return a sentence."""
-    sentence, _ = yield from share(
+    sentence, warnings = yield from share(
         populate_scene(scene, bpy.context.evaluated_depsgraph_get()), 0.0, 0.5
     )
     if scene.crowd_lod.source == "FILE":
@@ -275,7 +275,7 @@ def _filled(scene: bpy.types.Scene) -> Generator[float, None, str]:
     if scene.world is None:
         scene.world = bpy.data.worlds.new("World")
     scene.frame_set(scene.frame_start)
-    return sentence
+    return " ".join((sentence, *warnings))
 
 
 def _last(trajectory: Recorded) -> int:

@@ -52,6 +52,7 @@ def prepared(
     earlier_groups = groups_of(settings)
     lacks_levels = settings.levels is None
     dropped = settings.dropped
+    estimate = settings.estimate
     groups = earlier_groups or (yield from standing(measuring_groups(scene), 0.0))
     yield from standing(reading(scene), 0.0)
     trajectory = trajectory_of(scene, groups)
@@ -80,6 +81,7 @@ def prepared(
         if not finished:
             store_groups(settings, earlier_groups)
             settings.dropped = dropped
+            settings.estimate = estimate  # groups that are stored clear it
 
 
 def check_blur(scene: bpy.types.Scene) -> None:

@@ -168,15 +168,20 @@ def _describe(
     """Return what plan.json says of the preview, without a shot plan; yields the progress."""
     yield from reading(run.on.stage)
     rows = [frame["row"] for frame in frames]
+    unplanned = unplanned_notes([tuple(frame["unplanned"]) for frame in frames])
+    settings = run.on.stage.crowd_lod
+    follows_plan = settings.shot_plan and settings.use_shot_plan and not unplanned
     notes = (
         *run.shots.notes,
         tables.nobody_seen(row["visible"] for row in rows),
-        unplanned_notes([tuple(frame["unplanned"]) for frame in frames]),
+        unplanned,
         to_make_again(run.on.stage),
         leaves_out(run.on.scene) and LEFT_OUT,
         frame_stepping.describe_unbaked(run.on.scene),
     )
-    return (yield from plan_json(run.on, command, rows, lods, tuple(filter(None, notes))))
+    plan = yield from plan_json(run.on, command, rows, lods, tuple(filter(None, notes)))
+    plan["preview"]["verdict"] = settings.shot_verdict if follows_plan else ""
+    return plan
 
 
 def _write(

@@ -42,16 +42,10 @@ def plan_json(
             "engine": task.engine,
             "color": task.color,
             "notes": list(notes),
-            "verdict": _verdict_of(stage.crowd_lod),
         },
         "left_out": (yield from _left_out(stage, task.frames[-1], ENGINES[task.engine])),
         "frames": rows,
     }
-
-
-def _verdict_of(settings: bpy.types.PropertyGroup) -> str:
-    """Return the verdict on the shot by the plan that the scene had; "" if none is in use."""
-    return settings.shot_verdict if settings.shot_plan and settings.use_shot_plan else ""
 
 
 def _left_out(

@@ -44,6 +44,12 @@ from .verify_stage import (
 )
 
 LODS_MADE = 0.05  # of the progress: LODs made
+# Settings of the crowd that a proof sets for a while, by making LODs and storing groups, too. The
+# others are the user's meanwhile.
+SET_MEANWHILE = (
+    *("build", "levels", "dropped", "memory_tolerance", "memory_made"),
+    *("estimate", "shot_budgets"),
+)
 MOST_PROVED_IN_SHEET = 8  # frames on the contact sheet
 
 
@@ -75,9 +81,10 @@ def verify(
         size = _set_up(scene, task, proved, opened)
         yield from _prepare_crowd(scene)
         sharing.save(folder)
-        at = opened.enter_context(frame_stepping.step_frames(scene))
-        run = Proof(scene, task, folder, at, size, proved, LoneStage(scene, folder))
-        frames = yield from _prove_frames(run, sharing)
+        with frame_stepping.step_frames(scene) as at:
+            run = Proof(scene, task, folder, at, size, proved, LoneStage(scene, folder))
+            frames = yield from _prove_frames(run, sharing)
+        yield 0.95
         if sharing.part is not None:
             return {"frames": [frame["row"] for frame in frames], "ok": True}
         result = _result(scene, task, command, frames)
@@ -104,7 +111,6 @@ def _restore_afterwards(scene: bpy.types.Scene, opened: ExitStack) -> None:
     layer = scene.view_layers[0]
     # a live build was shown other frames
     opened.callback(lambda: frame_update.follow(scene, layer.depsgraph))
-    opened.callback(store_groups, settings, groups_of(settings))
     opened.enter_context(cleanup.scratch())
     owners = (
         scene.render,
@@ -112,11 +118,12 @@ def _restore_afterwards(scene: bpy.types.Scene, opened: ExitStack) -> None:
         scene.cycles,
         scene.display,
         scene.view_settings,
-        settings,
         *scene.view_layers,
         *filter(None, (settings.build, settings.characters)),
     )
     opened.enter_context(cleanup.restore_settings(*owners))
+    opened.enter_context(cleanup.restore_settings(settings, only=SET_MEANWHILE))
+    opened.callback(store_groups, settings, groups_of(settings))
     opened.callback(setattr, scene, "world", scene.world)
 
 

@@ -186,13 +186,13 @@ def _around(
 
 def _walked_through(names: Sequence[str], within: float) -> str:
     """Return a sentence on obstacles, and on the part of the agents that start within them."""
-    verb = "stands" if len(names) == 1 else "stand"
+    verb, them = ("stands", "it") if len(names) == 1 else ("stand", "these")
     more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
     start = f" ({within:.1%} of them start within)" if within else ""
     return (
         f"Agents would walk through {', '.join(names[:MOST_NAMES])}{more}, which {verb} on their "
         f"ground{start}: press {WALLS}, which leads them round what is selected, or else round "
-        f"these."
+        f"{them}."
     )
 
 

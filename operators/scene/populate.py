@@ -56,7 +56,6 @@ def populate_scene(
     sentences = [
         _result(groups, trajectory),
         *(part.note for part in trajectory.parts),
-        *warnings,
         *notes,
     ]
     return " ".join(filter(None, sentences)), warnings
@@ -103,7 +102,8 @@ class CROWDLOD_OT_populate(Stepwise, bpy.types.Operator):
         context.scene.crowd_lod.overlay = True
         for warning in warnings:
             self.report({"WARNING"}, warning)
-        return result
+        more = f" {counted(len(warnings), 'warning')}: see Messages." if warnings else ""
+        return f"{result}{more}"
 
 
 CLASSES = (CROWDLOD_OT_populate,)

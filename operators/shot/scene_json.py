@@ -14,6 +14,7 @@ import numpy as np
 from ...crowd_lod import __version__
 from ...crowd_lod.behavior.walk import walks_of
 from ...crowd_lod.format import printable
+from ...crowd_lod.levels.budget_fit import Budget
 from ...crowd_lod.progress import aside
 from ...crowd_lod.reporting import tables
 from ...crowd_lod.sources.trajectory import Trajectory
@@ -23,6 +24,7 @@ from ..machine import terrain_source
 from ..machine.scene_world import machine_of
 from ..scene.scene_crowd import policy_of, trajectory_of
 from ..scene.stuck_agents import find
+from ..settings.budgets import budget_of, budget_words
 
 
 def scene_json(
@@ -119,6 +121,7 @@ def _levels_of(stage: bpy.types.Scene, characters: list[dict]) -> dict[str, Any]
         "metric": policy.metric,
         "margin": policy.margin and policy.margin * scene_data.meters(stage),
         "tolerance": policy.tolerance,
+        "budget": budget_words(settings) if budget_of(settings) != Budget() else None,
         "shading_counts": policy.shading,
         "pixels": cameras.image_size(stage.render),
         "ratios": [round(r, 6) for r in settings.ratios[: policy.count]]

@@ -5,6 +5,7 @@ import crowd_lod_extension
 import pytest
 
 from ..support.coarse_characters import CAGE
+from ..support.empty_file import open_empty_file
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -16,17 +17,7 @@ def registered():
 
 @pytest.fixture(autouse=True)
 def empty_file(registered):
-    """A new file. LODs are by ratio: making those by tolerance takes longer.
-
-    Previews leave out the pictures of LODs: test_lod_table.py alone looks at them.
-    """
-    # The first brings a new window manager. The old one has all that was to be drawn in a window,
-    # and Blender looks through it whenever something is removed: soon a third of the tests' time.
-    bpy.ops.wm.read_homefile(use_empty=True)
-    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    settings = bpy.context.scene.crowd_lod
-    settings.choice = "BY_RATIO"
-    settings.lod_pictures = False
+    open_empty_file()
 
 
 @pytest.fixture

@@ -195,11 +195,8 @@ def test_culling_leaves_the_light_of_characters_in_the_picture(name, tmp_path):
 def test_populate_and_build_name_the_characters_that_glow():
     scene = glow_scene(emission())
     assert glowing(scene) == {"someone": [bpy.data.materials["Emission"]]}
-    said, warnings = finished(populate_scene(scene, bpy.context.evaluated_depsgraph_get()))
-    assert (
-        any("someone (material Emission)" in warning for warning in warnings)
-        and "someone (material Emission)" in said
-    )
+    _, warnings = finished(populate_scene(scene, bpy.context.evaluated_depsgraph_get()))
+    assert any("someone (material Emission)" in warning for warning in warnings)
     list(build(scene))
     assert "someone (material Emission)" in notes_on_characters(scene)
     scene.crowd_lod.shadows = False

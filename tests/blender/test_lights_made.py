@@ -164,7 +164,7 @@ def test_they_are_read_where_they_are_at_each_frame(lit, way, blur):  # noqa: F8
 
 
 @pytest.mark.once
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("way", [by_nodes, in_an_instanced_collection])
 def test_no_shadow_of_theirs_is_missing(lit, way, tmp_path):  # noqa: F811
     way(lit)
     (row,) = finished(verify(lit, Verify([7], tmp_path / "out", 96, 2, agents=1), ["test"]))[

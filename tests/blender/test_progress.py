@@ -54,6 +54,7 @@ WORKS = previewed, verified, baked, reported, build
 def test_a_frame_far_away_is_approached_by_steps_that_end_at_once(levelled, tmp_path, work):
     steps = work(levelled, tmp_path)
     before = set(bpy.data.user_map())
+    levelled.crowd_lod.estimate = "known"
     scene_cache.forget()
     while not 1000 < trajectory_of(levelled).reached < FAR:
         next(steps)  # it is not on its way yet
@@ -62,10 +63,13 @@ def test_a_frame_far_away_is_approached_by_steps_that_end_at_once(levelled, tmp_
         begun = time.perf_counter()
         next(steps)
         longest = max(longest, time.perf_counter() - begun)
+    levelled.crowd_lod.verify_width = 99  # by the user, meanwhile
     begun = time.perf_counter()
     steps.close()
     assert max(longest, time.perf_counter() - begun) < PATIENCE
     assert set(bpy.data.user_map()) == before and list(tmp_path.iterdir()) == []
+    assert work is reported or levelled.crowd_lod.estimate == "known"
+    assert levelled.crowd_lod.verify_width == 99
 
 
 def test_populate_looks_ahead_by_steps(levelled):

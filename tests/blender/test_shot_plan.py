@@ -12,7 +12,7 @@ from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.shot import plan_file
 from crowd_lod_extension.operators.blender.animation import curves_of
 from crowd_lod_extension.operators.render_setup import bake, frame_update, render_setup
-from crowd_lod_extension.operators.runs.preview import preview
+from crowd_lod_extension.operators.runs.preview import preview, verdict_in
 from crowd_lod_extension.operators.runs.preview_stage import Preview
 from crowd_lod_extension.operators.scene.scene_crowd import frame_of
 from crowd_lod_extension.operators.shot import shot_survey
@@ -297,7 +297,14 @@ def test_preview_plans_first(zoomed, tmp_path):
         assert np.bincount(levels[seen], minlength=2).tolist() == [
             row[f"lod{k}"] for k in range(len(np.bincount(levels[seen], minlength=2)))
         ]
-    assert not zoomed.crowd_lod.shot_plan  # the user's own scene stays
+    settings = zoomed.crowd_lod
+    assert not settings.shot_plan  # the user's own scene stays
+    settings.shot_plan = str(tmp_path / "preview" / "plan.npz")
+    settings.lod_pictures = False
+    again = Preview(frames=[6], folder=tmp_path / "again", width=64)
+    assert verdict_in(plan) == verdict_in(finished(preview(zoomed, again, []))) != ""
+    settings.seed += 1  # the plan is of another crowd
+    assert verdict_in(finished(preview(zoomed, again, []))) == ""
 
 
 def test_no_frames_is_an_error(zoomed):

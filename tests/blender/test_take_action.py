@@ -152,7 +152,7 @@ def test_of_several_actions_of_a_file_the_walk_is_taken_and_that_is_said():
     settings.count = 2
     bpy.ops.crowd_lod.populate()
     assert (
-        "walks by the action agree, and its file has walk, by whose name it walks: press Take"
+        "walks by the action agree, and its file has walk, a walk by its name: press Take"
         in settings.trouble
     )
     assert bpy.ops.crowd_lod.take_action() == {"FINISHED"}
@@ -163,7 +163,7 @@ def test_of_several_actions_of_a_file_the_walk_is_taken_and_that_is_said():
     scene = bpy.context.scene
     (sentence,) = take_walks(scene, [item])
     assert sentence == (
-        "skin plays walk of its file's actions, by whose name it walks, in place of agree (its "
+        "skin plays walk of its file's actions, a walk by its name, in place of agree (its "
         "feet walk at 0.00 m/s, those of agree at 0.00 m/s, and agents at 1.25 m/s)."
     )
     armature.animation_data.action = bpy.data.actions["skin walk"].copy()

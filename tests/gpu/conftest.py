@@ -12,6 +12,8 @@ def extension(tmp_path_factory):
     import gpu
     from crowd_lod_extension.operators import registration
 
+    from ..support.empty_file import open_empty_file
+
     # Mesa's cache is not made for several processes at a time
     os.environ["MESA_SHADER_CACHE_DIR"] = str(tmp_path_factory.getbasetemp() / "mesa")
     gpu.init()
@@ -20,12 +22,7 @@ def extension(tmp_path_factory):
     except RuntimeError:  # seen once: tests before, in this process, had left the GPU to nobody
         _render_something(bpy)
     registration.register()
-    bpy.ops.wm.read_homefile(
-        use_empty=True, use_factory_startup=True
-    )  # nothing of other files' tests
-    settings = bpy.context.scene.crowd_lod
-    settings.choice = "BY_RATIO"
-    settings.lod_pictures = False
+    open_empty_file()  # nothing of other files' tests
     yield
     registration.unregister()
 
