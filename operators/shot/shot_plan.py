@@ -231,23 +231,27 @@ def write_plan(
     content = yield from standing(
         scene_json(scene, scene, command, int(planned.stored.numbers[-1]), []), 0.0
     )
-    yield from standing(aside(lambda: _write_files(folder, planned, content)), 0.0)
+    yield from steps_aside(_writing(folder, planned, content))
     return content
 
 
-def _write_files(folder: Path, planned: PlannedShot, content: dict[str, Any]) -> None:
+def _writing(
+    folder: Path, planned: PlannedShot, content: dict[str, Any]
+) -> Generator[float, None, None]:
     """Write all of the plan's files; `content` of plan.json gets what it tells of the shot."""
     write_levels(folder, planned)
-    content |= shot_json(planned)
+    yield 0.2
     report = planned.report
+    content |= shot_json(planned)
     texts = {
-        "plan.json": tables.to_json(content),
-        "frames.csv": tables.to_csv(content["frames"]),
-        "switches.csv": tables.switches_csv(report.noticed),
-        "report.html": shot_page(report),
+        "plan.json": lambda: tables.to_json(content),
+        "frames.csv": lambda: tables.to_csv(content["frames"]),
+        "switches.csv": lambda: tables.switches_csv(report.noticed),
+        "report.html": lambda: shot_page(report),
     }
-    for name, text in texts.items():
-        (folder / name).write_text(text, encoding="utf-8")
+    for step, (name, text_of) in enumerate(texts.items()):
+        yield 0.4 + 0.15 * step
+        (folder / name).write_text(text_of(), encoding="utf-8")
     for crop in report.crops[:1]:
         if crop is not None:
             pixels = np.rint(255 * np.concatenate(crop, axis=1)).astype(np.uint8)

@@ -77,9 +77,11 @@ def test_the_sphere_of_a_group_holds_its_agents_of_all_sizes():
             bounds=(0.0, 0.1),
             deviations=(0.0, 0.08),
             scale=(0.4, 1.7),
+            girth=np.hypot(*points[:, :2].T).max(),
         )
     )
     for size in np.linspace(0.4, 1.7, 14):
         assert np.linalg.norm(size * points - (0, 0, group.center), axis=1).max() <= group.radius
+        assert size * np.hypot(*points[:, :2].T).max() <= group.girth
     assert group.bounds[1] >= 1.7 * 0.1 and group.deviations[1] == pytest.approx(0.136)
     assert group.radius < 1.71 * bounding_sphere(points)[1]
