@@ -131,7 +131,7 @@ def build(args) -> dict:
             name: len(item.data.vertices)
             for name, item in render_setup.points_of(scene.crowd_lod.build).items()
         }
-        verdict = plan_verdict(scene.crowd_lod) if args.bake else ""
+        verdict = plan_verdict(scene.crowd_lod, cast.unplanned) if args.bake else ""
         notes = [
             verdict,
             tables.nobody_seen(points.values()),
@@ -245,7 +245,7 @@ def export(args) -> dict:
     exported = finish(usd.export_usd(scene, wanted), f"export of {stem}", args.quiet)
     size = path.stat().st_size
     out = printable(path)
-    verdict = plan_verdict(scene.crowd_lod)
+    verdict = plan_verdict(scene.crowd_lod, exported.unplanned)
     facts: dict[str, Any] = {
         "agents": exported.agents,
         "prototypes": exported.prototypes,

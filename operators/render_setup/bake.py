@@ -5,7 +5,7 @@ Node groups show those of the scene's frame.
 
 import json
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import bpy
 import numpy as np
@@ -81,8 +81,7 @@ def bake(
     mark(scene, frames)
     _write(top, moments)
     dress_all(scene)
-    cast.notes.extend(filter(None, [unplanned_notes(moments.unplanned)]))
-    return cast
+    return replace(cast, unplanned=unplanned_notes(moments.unplanned))
 
 
 def _check_shutter(scene: bpy.types.Scene) -> None:

@@ -113,7 +113,7 @@ def bake_frames(scene: bpy.types.Scene) -> Generator[float, None, str]:
     """Bake the frames that `scene` renders: yield the progress, return a sentence on them."""
     frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
     cast = yield from prepared(scene, lambda: bake(scene, frames), frames)
-    verdict = plan_verdict(scene.crowd_lod)
+    verdict = plan_verdict(scene.crowd_lod, cast.unplanned)
     sentences = (
         f"{counted(len(frames), 'frame is', 'frames are')} baked: {shot_frames(frames)}.",
         verdict,

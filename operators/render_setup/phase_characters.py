@@ -49,6 +49,7 @@ class Cast:
     notes: sentences on what the characters do not show as it is.
     stands_for: object -> the LOD's object that it shows.
     images: where images are scaled, bytes of the characters' images (unscaled, as they are).
+    unplanned: sentences on baked frames that do not follow the shot plan.
     """
 
     posed: np.ndarray
@@ -58,6 +59,7 @@ class Cast:
     notes: list[str] = field(default_factory=list)
     stands_for: dict[bpy.types.Object, bpy.types.Object] = field(default_factory=dict)
     images: tuple[int, int] | None = None
+    unplanned: str = ""
 
 
 @dataclass

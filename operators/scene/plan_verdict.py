@@ -40,8 +40,13 @@ def note_plan_files(*_) -> None:
             note_plan_file(scene.crowd_lod)
 
 
-def plan_verdict(settings) -> str:
-    """Return the verdict on the shot with the plan in use, or that there is none without a plan."""
+def plan_verdict(settings, unplanned: str = "") -> str:
+    """Return the verdict on the shot with the plan in use, or why there is none.
+
+    unplanned: sentences on frames of the shot that do not follow the plan.
+    """
+    if unplanned:
+        return unplanned
     if settings.shot_plan and settings.use_shot_plan:
         return settings.shot_verdict
     return "No verdict without a shot plan: LODs follow from distances."

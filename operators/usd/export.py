@@ -65,6 +65,7 @@ class ExportResult:
     """What was exported: the counts, and a sentence on each thing that differs from the plan.
 
     agents: with what they wear, of which there are `worn` parts.
+    unplanned: sentences on frames that do not follow the shot plan.
     """
 
     agents: int
@@ -72,6 +73,7 @@ class ExportResult:
     prototypes: int
     off: float
     notes: tuple[str, ...]
+    unplanned: str
 
     @property
     def sentence(self) -> str:
@@ -137,7 +139,8 @@ def export_usd(scene: bpy.types.Scene, request: UsdExport) -> Generator[float, N
         int(np.count_nonzero(cast.agents >= len(trajectory.bare.start))),
         len(cast.prototypes),
         off,
-        tuple(filter(None, (*notes, unplanned_notes(unplanned)))),
+        tuple(notes),
+        unplanned_notes(unplanned),
     )
 
 

@@ -39,7 +39,7 @@ class CROWDLOD_OT_export_usd(Stepwise, bpy.types.Operator):
         path = with_ending(output_folder(scene, "usd") / name, *ENDINGS)
         frames = scene_data.frames_of(scene)
         exported = yield from export_usd(scene, UsdExport(frames, path, settings.usd_animated))
-        verdict = plan_verdict(settings)
+        verdict = plan_verdict(settings, exported.unplanned)
         noting = note_with_picture(scene, "usd", f"{verdict} {exported.sentence}", frames)
         yield from standing(noting, 1.0)
         return f"{verdict} {exported.sentence} The file is {place_of(path)}."
