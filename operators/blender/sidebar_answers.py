@@ -51,7 +51,9 @@ class Held(Generic[Answer]):
         return clock.monotonic() < until and key == known_key
 
 
-def hold(key: Question[object] = lambda _: None) -> Callable[[Question[Answer]], Held[Answer]]:
+# In quotes: typing would remember Held, and Blender 4.5 hang when it ends
+# (docs/notes/blender_traps.md).
+def hold(key: Question[object] = lambda _: None) -> "Callable[[Question[Answer]], Held[Answer]]":
     """Decorate a question about a scene: its answer is `Held`.
 
     key: returns what the answer depends on, as far as that is quick to read.

@@ -33,6 +33,15 @@ from ..shot.planned_cameras import note_cameras, plans_these_cameras
 from ..shot.shot_plan import plan_of_settings, requested_of, wanted_of
 from ..sources.crowd_sources import live
 
+# About how many seconds each step takes, for the progress: Make for a character, Plan for its
+# report and for an agent in a frame.
+SEARCHED = 10.0
+MADE = 3.0
+REPORTED = 1.5
+PLANNED = 3.5e-7
+BUILT = 2.0
+BAKED_FRAME = 0.03
+
 # what plan.json has of a plan's settings, in words
 REQUESTED = {
     "avoid_pops": "Extra Cost for Fewer Pops",
@@ -47,14 +56,14 @@ class UpdateStep:
     """A step of Update All.
 
     label: as on its button.
-    weight: about its part of the time.
+    seconds: that it takes, about.
     find_reason: yields the progress, returns why the step is due, "" if it is not. Its second
         argument says whether all frames are looked at, which steps through the scene.
     work: yields the progress, returns a sentence.
     """
 
     label: str
-    weight: float
+    seconds: float
     find_reason: Callable[[bpy.types.Scene, bool], Generator[float, None, str]]
     work: Callable[[bpy.types.Scene], Generator[float, None, str]]
 
@@ -133,14 +142,19 @@ def update_steps(scene: bpy.types.Scene, bakes: bool = False) -> tuple[UpdateSte
 
     bakes: whether to bake a scene that has no bake.
     """
+    settings = scene.crowd_lod
+    frames = len(scene_data.frames_of(scene))
+    make = SEARCHED if settings.choice == "BY_TOLERANCE" else MADE
+    bake = BUILT + BAKED_FRAME * frames
     last = (
-        UpdateStep("Bake", 3, partial(_reason_to_bake, bakes), bake_frames)
+        UpdateStep("Bake", bake, partial(_reason_to_bake, bakes), bake_frames)
         if bakes or _is_bake(scene)
-        else UpdateStep("Build", 2, _reason_to_build, build_live)
+        else UpdateStep("Build", BUILT, _reason_to_build, build_live)
     )
+    plan = REPORTED + PLANNED * frames * settings.count
     return (
-        UpdateStep("Make LOD Meshes", 5, _reason_to_make, _make),
-        UpdateStep("Plan Shot", 4, _reason_to_plan, plan_of_settings),
+        UpdateStep("Make LOD Meshes", make * len(settings.groups), _reason_to_make, _make),
+        UpdateStep("Plan Shot", plan, _reason_to_plan, plan_of_settings),
         last,
     )
 
@@ -191,20 +205,20 @@ def update_all(
     """
     yield from standing(reading_afresh(scene), 0.0)
     steps = update_steps(scene, bakes)
-    whole = sum(step.weight for step in steps)
     begin = 0.0
     sentences: dict[str, str] = {}
-    for step in steps:
-        end = begin + step.weight / whole
+    for k, step in enumerate(steps):
         if (yield from standing(step.find_reason(scene, True), begin)):
             if sentences:
                 note(next(reversed(sentences)))
+            left = sum(later.seconds for later in steps[k:])
+            end = begin + (1 - begin) * step.seconds / left
             try:
                 sentences[step.label] = yield from share(step.work(scene), begin, end)
             except FAULTS as fault:
                 raise CrowdError(_failed(step.label, sentences, fault)) from fault
             yield from standing(reading_afresh(scene), end)
-        begin = end
+            begin = end
     if scene.crowd_lod.shot_plan:
         note_cameras(scene)
     look_again(scene)
