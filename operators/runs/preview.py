@@ -404,6 +404,7 @@ def _sheet(
     pairs = spread_evenly(pictures, MOST_IN_SHEET)
     shrunk = []
     for path in (path for pair in pairs for path in pair):
+        yield 0.0
         pixels = image_data.load_pixels(path)
         shrunk.append((yield from aside(partial(tables.shrink, pixels, THUMBNAIL))))
     return (yield from labeled_sheet(shrunk, 2 if len(pairs) % 2 else 4, legends=legends))
