@@ -16,6 +16,7 @@ from ..runs.update_all import due_steps
 from ..settings import needs
 from ..settings.budgets import LIMITS, budget_of, possible_budgets
 from ..sources.hand_edits import EDITS
+from ..usd.openusd import missing_openusd
 from . import steps
 from .drawing import active_column, button, label, letters_of, limit, paragraph, wide
 from .settings_list import draw_list
@@ -323,7 +324,9 @@ class CROWDLOD_PT_hand_over(Step, bpy.types.Panel):
         column.prop(settings, "usd_file")
         column.prop(settings, "usd_animated")
         button(column, "crowd_lod.export_usd", icon="EXPORT")
-        if size := sizes_of(settings).get("crowd_lod.export_usd"):
+        if missing_openusd(scene):
+            label(column, "This Blender has no OpenUSD", "INFO")
+        elif size := sizes_of(settings).get("crowd_lod.export_usd"):
             label(column, f"About {size.file}", "FILE")
         layout.separator()
         column = layout.column(align=True)
