@@ -8,6 +8,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.progress import aside, steps_aside
+from ...crowd_lod.simplification import triangle_mesh
 from ...crowd_lod.simplification.decimate import LodMesh
 from ..blender import mesh_data
 from .source_mesh import KEY, NORMALS, Source, offset_of, positions, read_attributes
@@ -176,15 +177,11 @@ def _normals_at(place: Place, source: Source, result: LodMesh, normals: np.ndarr
     """
     points, triangles, corners, _ = source.geometry
     values = _mix(place.weights, normals[corners[place.triangle]])
-    facing = _across(result.points[result.triangles])
-    facing = facing.repeat(len(values) // len(facing), axis=0)
-    met = _across(points[triangles[place.triangle]])
-    return np.where(np.einsum("nd,nd->n", facing, met)[:, None] < 0, -values, values)
-
-
-def _across(corners: np.ndarray) -> np.ndarray:
-    """Return vectors (m, 3) across triangles with `corners` (m, 3, 3), to their front."""
-    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    facing = triangle_mesh.normals(*result.points[result.triangles].transpose(1, 2, 0))
+    facing = facing.repeat(len(values) // len(result.triangles), axis=1)
+    source_facing = triangle_mesh.normals(*points[triangles[place.triangle]].transpose(1, 2, 0))
+    is_turned = np.einsum("dn,dn->n", facing, source_facing) < 0
+    return np.where(is_turned[:, None], -values, values)
 
 
 def _shading(source: Source, result: LodMesh, chart: np.ndarray, normals: np.ndarray) -> np.ndarray:

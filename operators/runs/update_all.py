@@ -33,12 +33,11 @@ from ..shot.planned_cameras import note_cameras, plans_these_cameras
 from ..shot.shot_plan import plan_of_settings, requested_of, wanted_of
 from ..sources.crowd_sources import live
 
-# About how many seconds each step takes, for the progress: Make for a character, Plan for its
-# report and for an agent in a frame.
-SEARCHED = 10.0
-MADE = 3.0
-REPORTED = 1.5
-PLANNED = 3.5e-7
+# About how many seconds each step takes, for the progress.
+SEARCHED = 10.0  # the LODs of a character by tolerance
+MADE = 3.0  # by ratio
+REPORTED = 1.5  # a plan's report and files
+PLANNED = 3.5e-7  # an agent in a frame
 BUILT = 2.0
 BAKED_FRAME = 0.03
 
