@@ -8,7 +8,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from contextlib import closing
+from contextlib import closing, contextmanager
 from itertools import count
 from typing import Any, TypeVar
 
@@ -92,7 +92,8 @@ def aside(
             task.set_exception(error)
 
     thread = threading.Thread(target=run, daemon=True)
-    thread.start()
+    with starting_threads():
+        thread.start()
     try:
         while not wait([task], LOOK).done:
             yield progress()
@@ -100,6 +101,17 @@ def aside(
     finally:
         ended.set()
         thread.join()
+
+
+@contextmanager
+def starting_threads() -> Iterator[None]:
+    """Raise MemoryError where Python lacks the memory to start a thread inside."""
+    try:
+        yield
+    except RuntimeError as error:
+        if "start new thread" in str(error):
+            raise MemoryError(str(error)) from error
+        raise
 
 
 def steps_aside(steps: Generator[float, None, Made]) -> Generator[float, None, Made]:
@@ -141,7 +153,8 @@ def at_once(work: Callable[..., Made], items: Iterable[tuple]) -> Iterator[Made]
         ahead: deque[Future[Made]] = deque()
         try:
             for item in items:
-                ahead.append(pool.submit(work, *item))
+                with starting_threads():
+                    ahead.append(pool.submit(work, *item))
                 if len(ahead) > THREADS:
                     yield ahead.popleft().result()
             while ahead:

@@ -1,5 +1,7 @@
 """Register everything that Crowd LOD adds to Blender, and unregister it."""
 
+import atexit
+
 import bpy
 
 from .blender import (
@@ -10,7 +12,7 @@ from .blender import (
     provenance,
     scene_cache,
     scenery,
-    unfinished,
+    steps,
 )
 from .characters import characters_from_selection, give_lod, take_action, wardrobe_buttons
 from .cli import commands
@@ -24,7 +26,6 @@ from .scene import plan_verdict, populate, sample_menu, scene_crowd, walls_butto
 from .settings import (
     area_settings,
     exception_settings,
-    inputs,
     presets,
     properties,
     setting_changes,
@@ -100,22 +101,20 @@ HANDLERS = {
         map_areas.moved_or_edited,
         frame_update.follow_points,
     ],
-    "load_pre": [operator.stop_for_file, scene_cache.forget, frame_update.forget],
-    "load_post": [unfinished.clear, output_folders.after_opening, plan_verdict.note_plan_files],
-    "save_pre": [output_folders.before_saving],
+    "load_pre": [steps.stop_for_file, scene_cache.forget, frame_update.forget],
+    "load_post": [output_folders.after_opening, plan_verdict.note_plan_files],
+    "save_pre": [steps.stop_for_saving, output_folders.before_saving],
     "save_post": [output_folders.after_saving],
     "save_post_fail": [output_folders.after_failed_saving],
-    "undo_pre": [operator.stop_for_undo, scenery.forget],
-    "redo_pre": [operator.stop_for_undo, scenery.forget],
+    "undo_pre": [steps.stop_for_undo, scenery.forget],
+    "redo_pre": [steps.stop_for_undo, scenery.forget],
     "undo_post": [
-        unfinished.clear,
         provenance.note_undo,
         collection_caches.restore,
         collection_caches.renew,
         map_areas.undone,
     ],
     "redo_post": [
-        unfinished.clear,
         provenance.note_undo,
         collection_caches.restore,
         collection_caches.renew,
@@ -136,8 +135,9 @@ _commands = []
 
 
 def register() -> None:
+    if bpy.app.module:  # a script may end without it, and then Blender 4.5 crashes
+        atexit.register(unregister)
     setting_changes.FOLLOWERS.update(FOLLOWERS)
-    operator.RESTS_ON.append(inputs.inputs_of)
     for c in CLASSES:
         bpy.utils.register_class(c)
     bpy.types.Scene.crowd_lod = bpy.props.PointerProperty(type=properties.CrowdLodSettings)
@@ -153,6 +153,8 @@ def register() -> None:
 
 
 def unregister() -> None:
+    atexit.unregister(unregister)
+    steps.end_all("was stopped, as Crowd LOD was disabled")
     while _commands:
         bpy.utils.unregister_cli_command(_commands.pop())
     viewport_overlay.unregister()
@@ -166,7 +168,6 @@ def unregister() -> None:
                 handlers.remove(function)
     scene_cache.forget()
     setting_changes.FOLLOWERS.clear()
-    operator.RESTS_ON.clear()
     swatches.unregister()
     map_areas.unregister()
     machine_settings.unregister()

@@ -1,53 +1,13 @@
-"""Context managers that remove data-blocks or restore settings afterwards."""
+"""A context manager that restores settings afterwards."""
 
-from collections.abc import Container, Iterable, Iterator
+from collections.abc import Container, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
 import bpy
 
-from .collection_caches import renew
 from .console import quiet
-from .unfinished import blocks_now, made_since
-
-
-@contextmanager
-def scratch() -> Iterator[None]:
-    """Remove all data-blocks made inside, of any kind, at the end or after an error.
-
-    What the user makes while a step runs stays.
-    """
-    before = blocks_now()
-    try:
-        yield
-    finally:
-        bpy.data.batch_remove(made_since(before))
-        renew()  # no collection may remember what is gone
-
-
-@contextmanager
-def all_or_nothing() -> Iterator[None]:
-    """Remove all data-blocks made inside if the block raises or is closed early.
-
-    What the user makes while a step runs stays.
-    """
-    before = blocks_now()
-    try:
-        yield
-    except BaseException:
-        bpy.data.batch_remove(made_since(before))
-        renew()
-        raise
-
-
-@contextmanager
-def removed_on_failure(blocks: Iterable[bpy.types.ID]) -> Iterator[None]:
-    """Remove all that `blocks` holds by then if the code inside raises or is closed early."""
-    try:
-        yield
-    except BaseException:
-        bpy.data.batch_remove(list(blocks))
-        raise
+from .removal import is_there
 
 
 @contextmanager
@@ -59,6 +19,8 @@ def restore_settings(
     Restored are each owner's own writable properties, except collections.
 
     only: names of those to restore; None for all.
+
+    Those of a data-block that is gone by then are left out: to read them would crash Blender.
     """
     with quiet():  # asked for its device, Cycles looks for all that there are, and says so
         pointers = ((owner, prop) for owner in owners for prop in owner.bl_rna.properties)
@@ -70,12 +32,13 @@ def restore_settings(
             and (only is None or prop.identifier in only)
         ]
         before = [(owner, name, _plain(getattr(owner, name))) for owner, name in names]
+        blocks = [owner.id_data for owner, _ in names]
     try:
         yield
     finally:
         for _ in range(2):  # which values one of them may have depends on others
-            for owner, name, value in before:
-                if _plain(getattr(owner, name)) != value:
+            for block, (owner, name, value) in zip(blocks, before, strict=True):
+                if is_there(block) and _plain(getattr(owner, name)) != value:
                     with suppress(TypeError):
                         setattr(owner, name, value)
 

@@ -5,7 +5,8 @@ from contextlib import contextmanager, nullcontext
 
 import bpy
 
-from .unfinished import put_back
+from . import removal
+from .removal import is_there
 
 # (objects, time) -> the depsgraph in which they are as at `time`, in frames of the animation
 At = Callable[[Iterable[bpy.types.Object], float], bpy.types.Depsgraph]
@@ -24,7 +25,7 @@ def stage(stages: list[bpy.types.Scene] | None = None) -> Iterator[At]:
 
     def at(objects: Iterable[bpy.types.Object], time: float) -> bpy.types.Depsgraph:
         if not scenes:
-            scenes.append(bpy.data.scenes.new("Crowd LOD stage"))  # its times are not remapped
+            scenes.append(bpy.data.scenes.new(".Crowd LOD stage"))  # its times are not remapped
         for item in set(objects).difference(scenes[0].collection.objects):
             scenes[0].collection.objects.link(item)
         scenes[0].frame_set(int(time // 1), subframe=time % 1)
@@ -33,9 +34,8 @@ def stage(stages: list[bpy.types.Scene] | None = None) -> Iterator[At]:
     try:
         yield at
     finally:
-        # asked to remove nothing, Blender goes through all the file, too
-        if stages is None and scenes:
-            bpy.data.scenes.remove(*scenes)
+        if stages is None:
+            removal.remove(scenes)
 
 
 _stepped: set[int] = set()  # the session_uids of the scenes that are stepped now
@@ -67,12 +67,13 @@ def _at_rest(scene: bpy.types.Scene) -> Iterator[None]:
     ]
     build.hide_viewport = True
     try:
-        with put_back("collections", build, "", {"hide_viewport": False}):
-            yield
+        yield
     finally:
-        build.hide_viewport = False
-        for layer, item in selected:
-            item.select_set(True, view_layer=layer)
+        if is_there(build) and is_there(scene):
+            build.hide_viewport = False
+            for layer, item in selected:
+                if is_there(item):
+                    item.select_set(True, view_layer=layer)
 
 
 @contextmanager
@@ -111,15 +112,16 @@ def step_frames(scene: bpy.types.Scene, rest: bool = True) -> Iterator[At]:
             last_frame = frame
         return scene.view_layers[0].depsgraph
 
-    _stepped.add(scene.session_uid)
+    uid = scene.session_uid
+    _stepped.add(uid)
     try:
         with _at_rest(scene) if rest else nullcontext():
             yield at
     finally:
-        if _frame_of(scene) == stepped:  # else the user went elsewhere
+        if is_there(scene) and _frame_of(scene) == stepped:  # else a script went elsewhere
             scene.frame_set(user_frame[0], subframe=user_frame[1])
         if not outer:
-            _stepped.discard(scene.session_uid)
+            _stepped.discard(uid)
 
 
 def _frame_of(scene: bpy.types.Scene) -> tuple[int, float]:

@@ -11,7 +11,7 @@ import numpy as np
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
 from ...crowd_lod.reporting import file_checks
-from . import scene_cache
+from . import removal, scene_cache
 from .console import quiet
 
 # The values last read of each image, and when.
@@ -137,4 +137,4 @@ def load_pixels(path) -> np.ndarray:
     try:
         return read_pixels(image)
     finally:
-        bpy.data.images.remove(image)
+        removal.remove([image])

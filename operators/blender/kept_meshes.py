@@ -13,7 +13,7 @@ import numpy as np
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
-from . import mesh_data, provenance
+from . import mesh_data, provenance, removal
 from .ownership import OWNED
 from .scene_data import node_inputs
 
@@ -38,18 +38,20 @@ def restore_on_failure(crowds: Sequence[bpy.types.PropertyGroup]) -> Iterator[No
     """
     before = [{name: getattr(crowd, name) for name in NAMES} for crowd in crowds]
     unused = {mesh for meshes in before for mesh in meshes.values()}
+    scenes = {crowd.id_data for crowd in crowds}
     try:
         yield
     except BaseException:
-        unused = {getattr(crowd, name) for crowd in crowds for name in NAMES}
-        for crowd, meshes in zip(crowds, before, strict=True):
-            for name, mesh in meshes.items():
-                setattr(crowd, name, mesh)
+        unused = set()
+        if all(map(removal.is_there, scenes)):
+            unused = {getattr(crowd, name) for crowd in crowds for name in NAMES}
+            for crowd, meshes in zip(crowds, before, strict=True):
+                for name, mesh in meshes.items():
+                    setattr(crowd, name, mesh)
         raise
     finally:
-        for mesh in unused - {None}:
-            if mesh.get(OWNED) and not mesh.users:
-                bpy.data.meshes.remove(mesh)
+        there = filter(removal.is_there, unused - {None})
+        removal.remove([mesh for mesh in there if mesh.get(OWNED) and not mesh.users])
 
 
 def keep(

@@ -1,8 +1,7 @@
 """Base classes of the operators."""
 
 import time as clock
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Generator
 
 import bpy
 import numpy as np
@@ -10,9 +9,9 @@ import numpy as np
 from ...crowd_lod.errors import FAULTS, sentence
 from ...crowd_lod.progress import finished
 from ...crowd_lod.time_left import TimeLeft
-from . import collection_caches, sidebars, unfinished
-from .guard import handler
+from . import looking
 from .labeled_properties import CONTEXT
+from .steps import Slices, Step, at_work, leave_edit_mode
 
 # Seconds of work between two drawings of the window, by the seconds that the last one took: as many
 # where that is quick, so that 0.3 s pass between two looks at the user's events; half as many where
@@ -23,15 +22,10 @@ BUSY = 0.1  # at most so many of them are processor time of Blender's own thread
 # Seconds between two texts on the progress. Software OpenGL takes 40 ms to draw one in the sidebar
 # and the status bar.
 SHOWN_EVERY = 0.5
-# by the bl_idname of an operator at work: its progress, 0 to 1
-at_work: dict[str, float] = {}
-# functions of a scene that return what steps rest on; registration fills the list
-RESTS_ON: list[Callable[[bpy.types.Scene], Any]] = []
 # jobs of Blender that read the file in threads of their own
 JOBS = ("RENDER", "OBJECT_BAKE", "COMPOSITE")
-# beginnings of the names of operators beside which a step goes on: they look, or scrub
-LOOKING = ("CROWD_LOD_OT_", "VIEW3D_OT_", "VIEW2D_OT_", "ANIM_OT_change_frame")
-_running: list["Stepwise"] = []
+# beginnings of the names of modal operators beside which a step goes on: they look
+LOOKING = ("CROWD_LOD_OT_", "VIEW3D_OT_", "VIEW2D_OT_")
 
 
 class Needing:
@@ -48,7 +42,7 @@ class Needing:
     def poll(cls, context) -> bool:
         if context.scene is None:  # a window that closes
             return False
-        if at_work:
+        if at_work():
             cls.poll_message_set("Another step is at work: wait for its end, or press Esc")
             return False
         lack = next(filter(None, (need(context.scene) for need in cls.needs)), "")
@@ -79,123 +73,137 @@ class Reporting(Needing):
 class Stepwise(Reporting):
     """Mix-in for operators that take more than two seconds.
 
-    `steps(context)` is a generator that yields its progress, 0 to 1, and returns the message. In a
-    window the steps run in a timer, while the user looks around and scrubs. Without a window they
-    run in one go.
+    `work(scene)` is a generator that yields its progress, 0 to 1, and returns the message. In a
+    window its steps run in a timer, while the user looks around and touches nothing. Without a
+    window they run in one go.
 
-    The steps are dropped if the user presses Esc or clicks the progress, undoes, opens a file, or
-    changes what the steps rest on. The generator's own cleanup then leaves the scene as it was.
+    The step ends early if the user presses Esc, or if a script undoes, saves, opens a file, or
+    changes what it rests on. The generator's own cleanup then leaves the scene as it was.
 
-    remains: what such an end leaves, in words; steps set it where parts of the work stay.
+    remains: what such an end leaves, in words; `work` sets it where parts of the work stay.
+    renders: whether it renders pictures of the scene, at other frames than the user's.
     """
 
     remains = "nothing was changed"
+    renders = False
+
+    def work(self, scene: bpy.types.Scene) -> Generator[float, None, str]:
+        """Do the step for `scene`, which windows may leave meanwhile."""
+        raise NotImplementedError
+
+    def steps(self, context) -> Generator[float, None, str]:
+        """Yield the progress and return the message; between two steps anything may happen."""
+        return iter(self._begin(context.scene))
 
     def run(self, context) -> str:
-        return finished(self.steps(context))
+        self._leave_edit_mode(context.scene)
+        return finished(self.work(context.scene))
 
     def invoke(self, context, event) -> set[str]:
-        self._steps = self.steps(context)
-        self._scene = context.scene
+        looking.stop_playback()
+        try:
+            slices = self._begin(context.scene)
+        except FAULTS as fault:
+            self.report({"ERROR"}, sentence(fault))
+            return {"CANCELLED"}
         self._started = self._rested = clock.monotonic()
         self._shown = 0.0
         self._left = TimeLeft()
-        self._dropped = ""
-        self._status = ""
-        self._rests_on = _inputs_of(context.scene)
-        self._state = unfinished.state()
-        self._timer = context.window_manager.event_timer_add(0.01, window=context.window)
-        context.window_manager.progress_begin(0, 100)
+        self._step = Step(type(self).bl_idname, slices, self.renders, context.window)
         context.window_manager.modal_handler_add(self)
-        context.workspace.status_text_set(f"{self.bl_label}: Esc to cancel")
-        at_work[type(self).bl_idname] = 0.0
-        _running.append(self)
         return {"RUNNING_MODAL"}
 
     def modal(self, context, event) -> set[str]:
         if event.type == "ESC":
-            self.drop("was canceled")
-        if event.type == "TIMER" and not self._dropped and not _others_at_work():
-            return self._take_steps(context)
-        if self._dropped:
-            self._end(context)
-            self.report({"WARNING"}, f"{self.bl_label} {self._dropped}; {self.remains}.")
+            self._step.end("was canceled")
+        if self._step.dropped:
+            self.report({"WARNING"}, f"{self.bl_label} {self._step.dropped}; {self.remains}.")
             return {"CANCELLED"}
-        return {"PASS_THROUGH"}
+        _watch_windows(context.window)
+        if event.type == "TIMER" and not _others_at_work():
+            return self._take_slice()
+        looks = looking.only_looks(context.window, event)
+        return {"PASS_THROUGH"} if looks else {"RUNNING_MODAL"}
 
-    def drop(self, reason: str) -> None:
-        """Close the steps; `modal` ends the operator and reports the reason."""
-        self._steps.close()
-        unfinished.end(self._scene)
-        self._dropped = self._dropped or reason
+    def cancel(self, context) -> None:
+        """End the step when Blender's window closes."""
+        self._step.end("was canceled")
 
-    def _take_steps(self, context) -> set[str]:
+    def _begin(self, scene: bpy.types.Scene) -> Slices:
+        self._leave_edit_mode(scene)
+        return Slices(self.bl_label, scene, self.work)
+
+    def _leave_edit_mode(self, scene: bpy.types.Scene) -> None:
+        if names := leave_edit_mode(scene):
+            self.report({"WARNING"}, f"Edit Mode was left: {', '.join(names)}.")
+
+    def _take_slice(self) -> set[str]:
         """Take steps for as long as the window was drawn since the last ones."""
         drawing = clock.monotonic() - self._rested
+        until = clock.monotonic() + np.interp(drawing, *TICKS)
+        busy_until = clock.thread_time() + BUSY
         try:
-            if _inputs_of(self._scene) != self._rests_on:  # by the user, since the last steps
-                self.drop("was stopped, as settings, characters or the camera were changed")
-                return {"PASS_THROUGH"}
-            before = unfinished.note_users(self._state)
-            until = clock.monotonic() + np.interp(drawing, *TICKS)
-            busy_until = clock.thread_time() + BUSY
-            while True:  # small steps together
-                progress = next(self._steps)
-                if clock.monotonic() >= until or clock.thread_time() >= busy_until:
-                    break
-            self._state = unfinished.note(self._scene, before)
-            self._rests_on = _inputs_of(self._scene)  # steps may set some for a while
+            self._step.slices.take(
+                lambda: clock.monotonic() >= until or clock.thread_time() >= busy_until
+            )
         except StopIteration as end:
-            self._end(context)
+            self._step.end()
             self.report({"INFO"}, end.value)
             return {"FINISHED"}
-        except ReferenceError:
-            self.drop("was stopped, as something that it read was deleted")
-            return {"PASS_THROUGH"}
         except FAULTS as fault:
-            self._end(context)
+            self._step.end()
             self.report({"ERROR"}, sentence(fault))
             return {"CANCELLED"}
         except BaseException:
-            self._end(context)
+            self._step.end()
             raise
-        self._show(context, progress)
+        self._show()
         self._rested = clock.monotonic()
         return {"PASS_THROUGH"}
 
-    def _show(self, context, progress: float) -> None:
-        """Show the progress, now and then, where its text is another than before."""
+    def _show(self) -> None:
+        """Show the progress, now and then."""
         now = clock.monotonic()
         if now < self._shown + SHOWN_EVERY:
             return
         self._shown = now
-        left = self._left.words(progress, now - self._started)
-        status = f"{self.bl_label}: {100 * progress:.0f}%{left}, Esc to cancel"
-        if status != self._status:
-            self._status = status
-            at_work[type(self).bl_idname] = progress
-            sidebars.redraw()
-            context.window_manager.progress_update(100 * progress)
-            context.workspace.status_text_set(status)
-
-    def cancel(self, context) -> None:
-        """End the steps when Blender's window closes; no scene is left to clean up."""
-        self._end(context)
-
-    def _end(self, context) -> None:
-        at_work.clear()
-        _running.clear()
-        self._steps.close()
-        unfinished.end(self._scene)
-        collection_caches.renew()  # the work removed data-blocks that collections may remember
-        context.window_manager.event_timer_remove(self._timer)
-        context.window_manager.progress_end()
-        context.workspace.status_text_set(None)
-        sidebars.redraw()
+        slices = self._step.slices
+        left = self._left.words(slices.progress, now - self._started)
+        frame = f", renders frame {slices.scene.frame_current}" if self.renders else ""
+        done = f"{self.bl_label}: {slices.progress:.0%}{left}{frame}"
+        self._step.show(f"{done}. You can look around; Esc cancels")
 
 
-def _inputs_of(scene: bpy.types.Scene) -> list[Any]:
-    return [read(scene) for read in RESTS_ON]
+class CROWDLOD_OT_look(bpy.types.Operator):
+    """Let through what only looks in another window, while a step is at work"""
+
+    bl_idname = "crowd_lod.look"
+    bl_label = "Look Around"
+    bl_options = {"INTERNAL"}
+    bl_translation_context = CONTEXT
+
+    def invoke(self, context, event) -> set[str]:
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context, event) -> set[str]:
+        step = at_work()
+        if step is None:
+            return {"FINISHED", "PASS_THROUGH"}
+        if event.type == "ESC":
+            step.end("was canceled")
+            return {"FINISHED"}
+        looks = looking.only_looks(context.window, event)
+        return {"PASS_THROUGH"} if looks else {"RUNNING_MODAL"}
+
+
+def _watch_windows(own: bpy.types.Window) -> None:
+    """Let events that do more than look through in no window but the step's `own`."""
+    for window in bpy.context.window_manager.windows:
+        names = {each.bl_idname for each in window.modal_operators}
+        if window != own and "CROWD_LOD_OT_look" not in names:
+            with bpy.context.temp_override(window=window):
+                bpy.ops.crowd_lod.look("INVOKE_DEFAULT")
 
 
 def _others_at_work() -> bool:
@@ -210,37 +218,4 @@ def _others_at_work() -> bool:
     )
 
 
-@handler
-def stop_for_undo(*_) -> None:
-    """Drop the steps before data changes under them (undo_pre, redo_pre handler)."""
-    for step in _running:
-        step.drop("was stopped by the undo")
-
-
-@handler
-def stop_for_file(*_) -> None:
-    """Drop the steps before another file is opened (load_pre handler)."""
-    for step in _running:
-        step.drop("was stopped, as another file was opened")
-
-
-class CROWDLOD_OT_stop(bpy.types.Operator):
-    """Stop the step that is at work; nothing is changed"""
-
-    bl_idname = "crowd_lod.stop"
-    bl_label = "Stop"
-    bl_options = {"INTERNAL"}
-    bl_translation_context = CONTEXT
-
-    @classmethod
-    def poll(cls, context) -> bool:
-        cls.poll_message_set("No step is at work")
-        return bool(at_work)
-
-    def execute(self, context) -> set[str]:
-        for step in _running:
-            step.drop("was canceled")
-        return {"FINISHED"}
-
-
-CLASSES = (CROWDLOD_OT_stop,)
+CLASSES = (CROWDLOD_OT_look,)

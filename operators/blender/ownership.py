@@ -7,6 +7,8 @@ from collections.abc import Callable, Sequence
 
 import bpy
 
+from . import removal
+
 OWNED = "crowd_lod"  # custom property on what Crowd LOD made, and may remove
 PACKAGE = __package__.rpartition(".")[0]  # that all our handlers are from
 
@@ -49,8 +51,8 @@ def remove_owned(top: bpy.types.Collection, heirs: Sequence[bpy.types.Collection
     doomed = [*objects, *data, *inside]
     for child, heir in zip(list(top.children), heirs, strict=False):
         child.user_remap(heir)
-    bpy.data.batch_remove(doomed)
+    removal.remove(doomed)
     # each kind may hold data of the next
     for kind in (bpy.data.actions, bpy.data.materials, bpy.data.node_groups, bpy.data.images):
         while unused := [block for block in kind if block.get(OWNED) and not block.users]:
-            bpy.data.batch_remove(unused)
+            removal.remove(unused)

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 
 import bpy
 
+from . import removal
 from .animation import curves_of, players_of
 
 # Settings of modifiers: of the viewport, of renders.
@@ -29,7 +30,7 @@ def as_rendered(
     An object stands for itself if viewport and renders show it alike; else a copy stands for it.
     Scene and copies are removed at the end.
     """
-    stage = bpy.data.scenes.new("Crowd LOD stage")
+    stage = bpy.data.scenes.new(".Crowd LOD stage")
     temporary = []
     actors = {}
     temporary.append(stage)
@@ -39,7 +40,7 @@ def as_rendered(
             stage.collection.objects.link(actors[item])
         yield stage, actors
     finally:
-        bpy.data.batch_remove(temporary)
+        removal.remove(temporary)
 
 
 def _pairs(modifier: bpy.types.Modifier) -> list[tuple[str, str]]:

@@ -8,7 +8,7 @@ from typing import Generic, TypeVar
 import bpy
 
 from . import scene_cache
-from .operator import at_work
+from .steps import at_work
 
 LOOK = 1.0  # seconds between two looks at a scene that stays the same
 SHARE = 0.05  # of the time that looks may take: a long one serves for longer
@@ -71,7 +71,7 @@ def keep_at_work(ask: Question[Answer]) -> Question[Answer]:
 
     @functools.wraps(ask)
     def answer(scene: bpy.types.Scene) -> Answer:
-        if not (at_work and scene.session_uid in answers):
+        if not (at_work() and scene.session_uid in answers):
             answers[scene.session_uid] = ask(scene)
         return answers[scene.session_uid]
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import bpy
 import numpy as np
 
+from ..blender import removal
 from ..blender.animation import armatures_of
 from ..blender.performance import Performance
 from .bone_channels import ROUNDING, channels, turned_shortly
@@ -56,7 +57,7 @@ def record(
     Yields the progress and returns (armature name -> Bones, object -> matrices (len(times), 4, 4)).
     """
     armatures = armatures_of(list(actors))
-    stage = bpy.data.scenes.new("Crowd LOD record")
+    stage = bpy.data.scenes.new(".Crowd LOD record")
     # nothing is deformed here, which would take the time
     bare = {item: _bare(actor) for item, actor in actors.items()}
     try:
@@ -78,7 +79,7 @@ def record(
         return bones, {item: np.array(matrices) for item, matrices in places.items()}
     finally:
         performance.rest()
-        bpy.data.batch_remove([stage, *bare.values()])
+        removal.remove([stage, *bare.values()])
 
 
 def _bare(actor: bpy.types.Object) -> bpy.types.Object:

@@ -6,6 +6,7 @@ from typing import Any
 import bpy
 
 from ...crowd_lod.errors import CrowdError
+from ..blender import removal
 from ..blender.labeled_properties import FloatProperty, StringProperty
 from ..blender.operator import Reporting
 from ..blender.props import PROP
@@ -71,7 +72,7 @@ def make_slot(
         for item, homes in before.items():
             _move(item, homes)
         if new:
-            bpy.data.collections.remove(home)
+            removal.remove([home])
         raise
     _offer_values(home)
     names = ", ".join(sorted(item.name for item in objects))

@@ -15,7 +15,7 @@ from ...crowd_lod.frame.frame_range import spread_evenly
 from ...crowd_lod.progress import share
 from ...crowd_lod.reporting import files
 from ...crowd_lod.sources.recorded import Recorded
-from ..blender import cameras, console, scene_data
+from ..blender import cameras, console, removal, scene_data
 from ..blender.references import closure_of
 from ..render_setup.render_setup import remove_build
 from ..scene.populate import populate_scene
@@ -157,7 +157,7 @@ def _empty(
     scene.sequence_editor_clear()
     scene.camera = scene.background_set = None
     for other in [other for other in bpy.data.scenes if other != scene]:
-        bpy.data.scenes.remove(other)
+        removal.remove([other])
     top = scene.collection
     home = bpy.data.collections.new("Ground")
     homes = {
@@ -181,7 +181,7 @@ def _empty(
     if source is not None:
         top.objects.link(source)
     if not keeps:
-        bpy.data.collections.remove(home)
+        removal.remove([home])
     bpy.data.orphans_purge(do_recursive=True)
     meters = scene_data.meters(scene)
     scene.unit_settings.system = "METRIC"
@@ -245,7 +245,7 @@ def _add_ground(scene: bpy.types.Scene, path: Path) -> bpy.types.Collection:
         home.objects.link(item)
     scene.world = scene.world or ground.world
     for other in loaded.scenes:
-        bpy.data.scenes.remove(other)
+        removal.remove([other])
     bpy.data.orphans_purge(do_recursive=True)
     return home
 

@@ -1,6 +1,7 @@
 """How commands open and save scenes, and show their progress."""
 
 import contextlib
+import sys
 import threading
 import time
 from collections.abc import Generator
@@ -16,6 +17,7 @@ from ...crowd_lod.reporting import interrupt
 from ...crowd_lod.time_left import TimeLeft
 from ..blender import console
 from ..blender.output_folders import output_file
+from ..blender.steps import leave_edit_mode
 
 
 def open_scene(name: str | None) -> bpy.types.Scene:
@@ -43,7 +45,10 @@ def open_scene(name: str | None) -> bpy.types.Scene:
                 bpy.ops.wm.open_mainfile(filepath=str(path.resolve()), load_ui=False)
         except RuntimeError as error:
             raise CrowdError(f"Blender cannot open {name}: {first_line(error)}") from None
-    return bpy.context.scene
+    scene = bpy.context.scene
+    if edited := leave_edit_mode(scene):
+        print(f"Edit Mode was left: {', '.join(edited)}.", file=sys.stderr)
+    return scene
 
 
 def first_line(error: Exception) -> str:

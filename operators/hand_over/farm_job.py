@@ -155,8 +155,7 @@ class CROWDLOD_OT_write_farm_job(Stepwise, bpy.types.Operator):
     bl_options = {"REGISTER"}
     needs = (needs.crowd, needs.camera, needs.file, needs.lods)
 
-    def steps(self, context) -> Generator[float, None, str]:
-        scene = context.scene
+    def work(self, scene: bpy.types.Scene) -> Generator[float, None, str]:
         path = Path(bpy.data.filepath)
         check_file(scene, path)
         frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)

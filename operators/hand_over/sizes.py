@@ -55,8 +55,7 @@ class CROWDLOD_OT_estimate(Stepwise, bpy.types.Operator):
         needs.camera,
     )
 
-    def steps(self, context) -> Generator[float, None, str]:
-        scene = context.scene
+    def work(self, scene: bpy.types.Scene) -> Generator[float, None, str]:
         settings = scene.crowd_lod
         costs = yield from share(estimate(scene, settings), 0.0, 0.7)
         memory = costs.prices[f"{CHOICES[settings.choice]}, Baked"].memory

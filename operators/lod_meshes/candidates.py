@@ -20,7 +20,7 @@ from ...crowd_lod.levels.lengths import (
 )
 from ...crowd_lod.levels.selection import View
 from ...crowd_lod.progress import share, standing
-from ..blender import stored_values
+from ..blender import removal, stored_values
 from ..blender.material_colors import Looks
 from ..blender.ownership import OWNED
 from ..blender.performance import digest as digest_of
@@ -422,7 +422,7 @@ class Ladder:
             REACH: [*self.place, *self.reach],
             **self.measured.columns(goals),
         }
-        bpy.data.batch_remove([source.mesh for source in self.sources if source.mesh])
+        removal.remove([source.mesh for source in self.sources if source.mesh])
         doomed = [home for home in self.new_homes.values() if home not in kept_homes]
         discard([item for home in doomed for item in home.objects])
-        bpy.data.batch_remove(doomed)
+        removal.remove(doomed)

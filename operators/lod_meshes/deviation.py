@@ -398,11 +398,10 @@ class CROWDLOD_OT_measure_levels(Stepwise, bpy.types.Operator):
         needs.lods,
     )
 
-    def steps(self, context) -> Generator[float, None, str]:
-        yield from measure_levels(context.scene)
+    def work(self, scene: bpy.types.Scene) -> Generator[float, None, str]:
+        yield from measure_levels(scene)
         return (
-            f"The LODs of {counted(len(context.scene.crowd_lod.groups), 'character group')} "
-            f"are measured."
+            f"The LODs of {counted(len(scene.crowd_lod.groups), 'character group')} are measured."
         )
 
 

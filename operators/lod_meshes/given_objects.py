@@ -7,6 +7,7 @@ import numpy as np
 from mathutils import Matrix, Vector
 
 from ...crowd_lod.errors import CrowdError
+from ..blender import removal
 from ..blender.animation import armatures_of
 from ..characters.given_lods import GivenLod
 from . import source_mesh as sources
@@ -29,7 +30,7 @@ def read_given(lod: GivenLod) -> tuple[str, tuple[int, int]]:
         if source.mesh is not None:
             vertices += len(source.mesh.vertices)
             triangles += len(source.mesh.loops) - 2 * len(source.mesh.polygons)
-            bpy.data.meshes.remove(source.mesh)
+            removal.remove([source.mesh])
     return repr((digests, [f"{length:.6g}" for length in lod.offset])), (vertices, triangles)
 
 

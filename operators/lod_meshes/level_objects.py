@@ -4,7 +4,7 @@ from collections.abc import Generator, Sequence
 
 import bpy
 
-from ..blender import mesh_data
+from ..blender import mesh_data, removal
 from ..blender.animation import armatures_of
 from ..blender.ownership import OWNED
 from . import attribute_transfer, methods
@@ -110,7 +110,7 @@ def _triangles(mesh: bpy.types.Mesh) -> int:
 def discard(items: Sequence[bpy.types.Object]) -> None:
     """Remove objects of LODs, and the meshes made for them."""
     meshes = {item.data for item in items if WAY in item}
-    bpy.data.batch_remove([*items, *meshes])
+    removal.remove([*items, *meshes])
 
 
 def _rigs(item: bpy.types.Object, groups: list[str]) -> list[set[str]]:

@@ -24,6 +24,7 @@ from ..blender.cameras import read_cameras
 from ..blender.machine_costs import costs_of
 from ..blender.sidebar_answers import hold
 from ..characters.cast_provenance import cast_inputs, of_characters
+from ..characters.characters import all_characters
 from ..characters.stored_groups import count_of
 from ..machine.scene_world import actions_named
 from ..scene.scene_crowd import GROUP
@@ -101,22 +102,27 @@ def _parts(ratios: Sequence[float]) -> str:
     )
 
 
+def inputs_of(scene: bpy.types.Scene) -> dict[str, str]:
+    """Return what LODs depend on now besides their characters, by name."""
+    return _facts(scene) | _overrides(scene.crowd_lod)
+
+
 def note_shot(
     scene: bpy.types.Scene,
     groups: Sequence[Group],
     shots: Sequence[GroupShot | None],
     keep: Sequence[Sequence[int]],
-    inputs: Mapping[str, str],
+    made_for: Mapping[str, str],
 ) -> None:
     """Store in the scene's LODs what they were made for, and what they were chosen from.
 
     groups: with values of all their candidates.
     shots: where each group's agents are; None: not chosen by tolerance.
     keep: for each group, the candidates that it has.
-    inputs: digests of the characters, see of_characters.
+    made_for: of_characters and inputs_of, as they were when the work began.
     """
     top = scene.crowd_lod.levels
-    provenance.keep(top, MADE_FOR, _facts(scene) | inputs | _overrides(scene.crowd_lod))
+    provenance.keep(top, MADE_FOR, made_for)
     top[CHOSEN_FROM] = json.dumps(
         {
             "camera": _scale(scene),
@@ -434,6 +440,6 @@ def _actions(scene: bpy.types.Scene) -> str:
     """Return the actions in which LODs are measured, in words."""
     names: set[str] = set()
     with suppress(CrowdError):  # a bad state machine is told elsewhere
-        names.update(*(actions_named(scene, group.name) for group in scene.crowd_lod.groups))
+        names.update(*(actions_named(scene, each.name) for each in all_characters(scene)))
     plain = sorted(name for name in names if not mixed_in(name))
     return ", ".join(["the own", *plain]) + (" with cross-fades" if len(plain) < len(names) else "")

@@ -9,13 +9,12 @@ import bpy
 
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.crowd.bounding_spheres import cover_sizes
-from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import number
 from ...crowd_lod.progress import aside, share, standing
-from ..blender import scene_data
+from ..blender import removal, scene_data
 from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED, remove_owned
-from ..blender.unfinished import blocks_now, made_since
+from ..blender.removal import blocks_now, made_since
 from ..characters.cast_provenance import cast_inputs, of_characters, reading_afresh
 from ..characters.characters import GROUP, Character, all_characters
 from ..characters.group_measuring import measuring_groups, stands
@@ -28,7 +27,7 @@ from ..sources.record_points import with_record
 from . import selection
 from .candidates import CANDIDATE, Ladder
 from .level_objects import TINTS
-from .made_for import note_shot
+from .made_for import inputs_of, note_shot
 from .workload import BEGUN, Workload
 
 
@@ -87,22 +86,18 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
     copied = scene_data.is_shared(scene, "levels")
     earlier = None if copied else settings.levels
     before = blocks_now()
+    yield from standing(reading_afresh(scene), 0.0)
+    made_for = of_characters(cast_inputs(scene)) | inputs_of(scene)
     is_done = False
     try:
         work = Workload()
         ladders, groups, shots = yield from _read_characters(scene, characters, earlier, work)
         choice, guesses = yield from _choose(scene, ladders, groups, shots, work)
         homes, edited = yield from _make_missing(ladders, choice.keep, earlier, work)
-        yield from standing(reading_afresh(scene), 1.0)
-        inputs = of_characters(cast_inputs(scene))
         is_done = True
-    except ReferenceError as error:  # by a script or another add-on, between two steps
-        raise CrowdError(
-            "Something that LODs are made from was deleted meanwhile: press Make LOD Meshes again."
-        ) from error
     finally:
         if not is_done:
-            bpy.data.batch_remove(made_since(before))
+            removal.remove(made_since(before))
     for ladder, own in zip(ladders, homes, strict=True):
         ladder.settle(own)
     new = [ladder.name for ladder in ladders if ladder.new_homes]
@@ -113,7 +108,7 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
         scene_data.let_go(scene, "levels")
     _show_nowhere(scene, top)
     settings.dropped = "\n".join(_describe_dropped(ladders, choice.dropped))
-    note_shot(scene, guesses, shots, choice.keep, inputs)
+    note_shot(scene, guesses, shots, choice.keep, made_for)
     settings.memory_tolerance = choice.tolerance
     settings.memory_made = settings.memory
     settings.estimate = ""
@@ -365,8 +360,8 @@ class CROWDLOD_OT_make_levels(Stepwise, bpy.types.Operator):
     bl_label = "Make LOD Meshes"
     needs = (needs.characters,)
 
-    def steps(self, context) -> Generator[float, None, str]:
-        outcome = yield from make_levels(context.scene)
+    def work(self, scene: bpy.types.Scene) -> Generator[float, None, str]:
+        outcome = yield from make_levels(scene)
         return outcome.sentence
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from ...crowd_lod.progress import aside, breath, steps_aside
 from ...crowd_lod.simplification.closest_point import barycentric
 from ...crowd_lod.simplification.decimate import decimating
-from ..blender import mesh_data
+from ..blender import mesh_data, removal
 from .attribute_transfer import dress, nearest_vertices, shade, weights_of
 from .mesh_repair import drop_loose
 from .shaded_pictures import similarity
@@ -117,7 +117,7 @@ def _better(source: Source, fast: Made, precise: Made, target: int) -> Generator
         f"{precise_errors.near:.2%}, {precise_errors.off:.1%}, {precise_errors.area:.0%}, "
         f"{precise.milliseconds:.0f} ms."
     )
-    bpy.data.meshes.remove(worse.mesh)
+    removal.remove([worse.mesh])
     if len(better.mesh.polygons) > MISSED * target:
         better.why += (
             f" It has {len(better.mesh.polygons):,} triangles, not {target:,}: with fewer, "
@@ -223,7 +223,7 @@ def _precise(source: Source, ratio: float, name: str, why: str) -> Generator[Non
         with staged(item) as depsgraph:
             mesh = evaluated_mesh(item, depsgraph)
     finally:
-        bpy.data.objects.remove(item)
+        removal.remove([item])
     yield
     mesh.name = name
     mesh.validate()  # a closed part may have become two triangles on each other
@@ -239,7 +239,7 @@ def _without(precise: Made) -> str:
 
     This happens with meshes of many small parts.
     """
-    bpy.data.meshes.remove(precise.mesh)
+    removal.remove([precise.mesh])
     return "Pose-Aware: Decimate Modifier leaves no face."
 
 

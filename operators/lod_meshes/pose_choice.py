@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.progress import aside
-from ..blender import mesh_data
+from ..blender import mesh_data, removal
 from ..blender.animation import armatures_of
 from ..blender.named_actions import own_performance
 from ..blender.performance import Performance
@@ -109,7 +109,7 @@ def _motions(
     bends = []
     items = [item.copy() for item in objects]
     rigs = armatures_of(objects)
-    stage = bpy.data.scenes.new("Crowd LOD poses")
+    stage = bpy.data.scenes.new(".Crowd LOD poses")
     try:
         for item in (*rigs, *items):
             stage.collection.objects.link(item)
@@ -147,7 +147,7 @@ def _motions(
                 until = clock.monotonic() + TICK
     finally:
         performance.rest()
-        bpy.data.batch_remove([stage, *items])
+        removal.remove([stage, *items])
     return np.array(places), np.array(bends)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from ...crowd_lod.simplification import settings
 from ...crowd_lod.simplification.pose_deformation import Skin, frames_of
+from ..blender import removal
 from .attribute_transfer import set_keys
 from .source_mesh import FOLLOWED, Source, positions
 
@@ -37,7 +38,7 @@ def skin_of(source: Source, frames: Sequence[float]) -> Iterator[None]:
     rest = source.geometry[0].astype(np.float64)
     step = APART * (float(np.ptp(rest, axis=0).max()) or 1.0)
     axes = np.zeros((1, 3)) if source.keys else np.concatenate([np.zeros((1, 3)), np.eye(3)])
-    stage = bpy.data.scenes.new("Crowd LOD skin")
+    stage = bpy.data.scenes.new(".Crowd LOD skin")
     new_blocks = []
     places = []
     values = []
@@ -53,8 +54,8 @@ def skin_of(source: Source, frames: Sequence[float]) -> Iterator[None]:
             values.append([bodies[0].shape_keys.key_blocks[name].value for name in source.keys])
             yield
     finally:
-        bpy.data.scenes.remove(stage)
-        bpy.data.batch_remove(new_blocks)
+        removal.remove([stage])
+        removal.remove(new_blocks)
     place, *moved = np.moveaxis(np.array(places), 1, 0)
     if source.keys:
         place = np.concatenate([place, rest + _unmoved(source, np.array(values))])

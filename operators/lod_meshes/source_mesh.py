@@ -13,7 +13,7 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
 from ...crowd_lod.progress import finished
 from ...crowd_lod.simplification.pose_deformation import Skin
-from ..blender import mesh_data
+from ..blender import mesh_data, removal
 from ..blender.animation import armatures_of, curves_of
 from ..blender.provenance import text_digest
 from ..blender.references import closure_of
@@ -108,13 +108,13 @@ def staged(item: bpy.types.Object) -> Iterator[bpy.types.Depsgraph]:
 
     It belongs to a scene of its own, which is removed afterwards.
     """
-    stage = bpy.data.scenes.new("Crowd LOD source")
+    stage = bpy.data.scenes.new(".Crowd LOD source")
     try:
         stage.collection.objects.link(item)
         stage.view_layers[0].update()
         yield stage.view_layers[0].depsgraph
     finally:
-        bpy.data.scenes.remove(stage)
+        removal.remove([stage])
 
 
 @contextmanager
@@ -172,7 +172,7 @@ def read_source(item: bpy.types.Object) -> Source:
             twin.parent_type = "OBJECT"
         return _read_twin(item, twin)
     finally:
-        bpy.data.batch_remove(new_blocks)
+        removal.remove(new_blocks)
 
 
 def _read_twin(item: bpy.types.Object, twin: bpy.types.Object) -> Source:
@@ -198,7 +198,7 @@ def _read_twin(item: bpy.types.Object, twin: bpy.types.Object) -> Source:
                 "Its shape keys are baked at their current values: with them, a modifier changes "
                 "the number of vertices."
             )
-            bpy.data.meshes.remove(mesh)
+            removal.remove([mesh])
             for name, value in values.items():
                 key = twin.data.shape_keys.key_blocks[name]
                 key.slider_min = min(value, 0)
@@ -212,7 +212,7 @@ def _read_twin(item: bpy.types.Object, twin: bpy.types.Object) -> Source:
         slots = [slot.material if slot.link == "OBJECT" else None for slot in item.material_slots]
     if mesh is None or not len(mesh.polygons):
         if mesh is not None:
-            bpy.data.meshes.remove(mesh)
+            removal.remove([mesh])
         return Source(item, None, notes=notes)
     for index, material in enumerate(slots[: len(mesh.materials)]):
         if material is not None:
@@ -226,7 +226,7 @@ def _read_twin(item: bpy.types.Object, twin: bpy.types.Object) -> Source:
     points = positions(mesh)
     wrong = ~np.isfinite(points).all(axis=1)
     if wrong.any():
-        bpy.data.meshes.remove(mesh)
+        removal.remove([mesh])
         raise CrowdError(
             f"The object {item.name} has {counted(int(wrong.sum()), 'vertex', 'vertices')} at NaN "
             f"or infinity: mend its "
@@ -263,7 +263,7 @@ def _group_names(mesh: bpy.types.Mesh) -> list[str]:
     try:
         return item.vertex_groups.keys()
     finally:
-        bpy.data.objects.remove(item)
+        removal.remove([item])
 
 
 def positions(mesh: bpy.types.Mesh) -> np.ndarray:

@@ -13,7 +13,7 @@ import numpy as np
 from ...crowd_lod.crowd.maps import FARTHEST
 from ...crowd_lod.crowd.rasterize import cover_cells
 from ...crowd_lod.errors import CrowdError
-from ..blender import image_data, kept_meshes, provenance, scene_cache, scene_data
+from ..blender import image_data, kept_meshes, provenance, removal, scene_cache, scene_data
 from ..blender.guard import guard, handler
 from .scene_world import MADE_FOR, area_of, areas_hold, areas_inputs, machine_of
 
@@ -108,7 +108,7 @@ def _store(crowd, pixels: np.ndarray) -> None:
     old = image
     crowd.areas_image = image_data.write_image("Walls and Areas", pixels)
     if old is not None and not old.users:
-        bpy.data.images.remove(old)
+        removal.remove([old])
 
 
 def triangles_in(

@@ -20,8 +20,8 @@ from ..blender.animation import armatures_of, curves_of, players_of
 from ..blender.guard import guard
 from ..blender.image_data import LOOK_AGAIN
 from ..blender.material_colors import Looks
-from ..blender.operator import at_work
 from ..blender.rig_dependencies import KEYS, read_columns
+from ..blender.steps import at_work
 from ..characters.characters import GROUP
 from ..lod_meshes.cast_digest import cast_digest
 from ..machine.scene_world import actions_named
@@ -114,7 +114,7 @@ def bake_some() -> float | None:
     Baking adds and removes data-blocks, which must not be done while Blender draws. It waits for
     the end of a step that is at work.
     """
-    if at_work:
+    if at_work():
         return WAIT
     for scene in bpy.data.scenes:
         casting = _castings.get(scene.session_uid)

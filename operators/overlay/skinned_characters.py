@@ -13,7 +13,7 @@ import numpy as np
 
 from ...crowd_lod.animation.skinning import SkinnedMesh, closed, merge, pose, skin, strongest
 from ...crowd_lod.errors import CrowdError
-from ..blender import cleanup, mesh_data
+from ..blender import mesh_data, removal
 from ..blender.animation import armatures_of
 from ..blender.material_colors import Looks
 from ..blender.named_actions import performance_of
@@ -143,8 +143,8 @@ def bake_character(
         objects = [[item for item in home.all_objects if item.type == "MESH"] for home in homes]
         flat = [item for level in objects for item in level]
         performance = performance_of(name, flat, actions)
-        with cleanup.scratch(), performance:
-            stage = bpy.data.scenes.new("Crowd LOD joints")
+        with removal.scratch(), performance:
+            stage = bpy.data.scenes.new(".Crowd LOD joints")
             for rig in armatures_of(flat):
                 stage.collection.objects.link(rig)
             parts = [_part(number, item, stage) for number, item in enumerate(flat)]

@@ -11,11 +11,10 @@ import numpy as np
 from ...crowd_lod.behavior.walk import stray_places
 from ...crowd_lod.frame.agent_under_cursor import Account, account
 from ...crowd_lod.frame.frame import Frame
-from ..blender import scene_cache, scene_data, sidebars
+from ..blender import scene_cache, scene_data, sidebars, steps
 from ..blender.frame_stepping import is_stepped
 from ..blender.guard import guard
 from ..blender.image_data import LOOK_AGAIN
-from ..blender.operator import at_work
 from . import (
     character_cache,
     hud,
@@ -114,7 +113,7 @@ def _draw(part) -> None:
     context = bpy.context
     settings = context.scene.crowd_lod
     space = context.space_data
-    if _failure or not settings.overlay or not space.overlay.show_overlays:
+    if _failure or steps.renders() or not settings.overlay or not space.overlay.show_overlays:
         return
     try:
         if visibility.shows_crowd(settings, space):
@@ -208,7 +207,7 @@ def _stays(scene: bpy.types.Scene, display: Display | None) -> bool:
 
     Steps go through frames, and change data, only for a while.
     """
-    if not at_work or display is None or display.frame is None:
+    if not steps.at_work() or display is None or display.frame is None:
         return False
     stays_there = is_stepped(scene) or display.frame.time == scene_data.time_of(scene)
     return stays_there and scene.crowd_lod.overlay_camera != "VIEWPORT"
@@ -222,7 +221,7 @@ def _watch() -> float:
     sources (see _crowd_of) and LOOK_AGAIN seconds have passed. Returns seconds to the next call.
     """
     scenes = {window.scene for window in bpy.context.window_manager.windows}
-    for scene in scenes if not at_work else ():
+    for scene in scenes if not steps.at_work() else ():
         display = display_of(scene)
         is_due = (
             display is not None

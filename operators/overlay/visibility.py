@@ -5,6 +5,8 @@ from contextlib import contextmanager
 
 import bpy
 
+from ..blender.removal import is_there
+
 STEPS_BACK = "The build shows here, so the overlay draws no characters."
 
 
@@ -48,7 +50,7 @@ def reveal_hidden(scene: bpy.types.Scene) -> Iterator[None]:
             item.hide_viewport = False
         yield
     finally:
-        for item in hidden:
+        for item in filter(is_there, hidden):
             item.hide_viewport = True
 
 

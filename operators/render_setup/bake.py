@@ -18,10 +18,10 @@ from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import note_of, unplanned_notes
 from ...crowd_lod.progress import share, standing
 from ...crowd_lod.sources.trajectory import Trajectory
-from ..blender import frame_stepping, mesh_data, scene_data
-from ..blender.cleanup import removed_on_failure
+from ..blender import frame_stepping, mesh_data, removal, scene_data
 from ..blender.ownership import remove_owned
-from ..characters.cast_provenance import reading, reading_afresh
+from ..blender.removal import removed_on_failure
+from ..characters.cast_provenance import reading
 from ..scene import lights
 from ..scene.scene_crowd import frame_of, policy_of, trajectory_of
 from ..sources.record_points import on_record
@@ -76,7 +76,6 @@ def bake(
     times = [scene_data.remap(scene.render, number) for number in frames]
     with removed_on_failure(cast.names):
         yield from standing(trim_actions(cast.rigs, times), 0.99)
-        yield from standing(reading_afresh(scene), 0.99)
     top = install(scene, cast)
     mark(scene, frames)
     _write(top, moments)
@@ -141,14 +140,14 @@ def keep_what_renders(scene: bpy.types.Scene) -> str:
         settings.build.pop(HIDDEN, None)
         characters = settings.characters
         settings.characters = None
-        bpy.data.batch_remove(_markers(characters))
+        removal.remove(_markers(characters))
         for parent in (*bpy.data.collections, *(each.collection for each in bpy.data.scenes)):
             if parent.library is None and characters in parent.children.values():
                 parent.children.unlink(characters)
     bpy.data.orphans_purge(do_local_ids=True, do_linked_ids=True, do_recursive=True)
     # importers give actions a fake user, and a dance of 546 frames takes 30 MB of a render
     idle = [action for action in bpy.data.actions if action.users == action.use_fake_user]
-    bpy.data.batch_remove(idle)
+    removal.remove(idle)
     stay = f" The characters are still in it: {needed}." if needed else ""
     return (
         f"The file holds only what its frames need to render; to build again, open the file "

@@ -10,7 +10,7 @@ from ...crowd_lod.format import counted
 from ...crowd_lod.frame.frame_range import shot_frames
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.progress import Made, share, standing
-from ..blender import cleanup, frame_stepping, provenance, scene_data
+from ..blender import frame_stepping, provenance, removal, scene_data
 from ..blender.operator import Reporting, Stepwise
 from ..characters.cast_provenance import reading
 from ..characters.group_measuring import measuring_groups
@@ -27,7 +27,7 @@ from .bake import bake
 from .frame_update import update
 from .hidden_characters import hide_characters, notes_on_characters
 from .render_setup import build, notes_on_cast, remove_build
-from .staleness import note_build
+from .staleness import inputs_of, note_build
 from .watched_points import watch_points
 
 
@@ -54,7 +54,7 @@ def prepared(
     dropped = settings.dropped
     estimate = settings.estimate
     groups = earlier_groups or (yield from standing(measuring_groups(scene), 0.0))
-    yield from standing(reading(scene), 0.0)
+    yield from standing(reading_afresh(scene), 0.0)
     trajectory = trajectory_of(scene, groups)
     yield from standing(approach(trajectory, scene_data.time_of(scene)), 0.0)
     around = lights.read_surroundings(scene, layer.depsgraph, scene_data.time_of(scene))
@@ -62,11 +62,13 @@ def prepared(
     frame_of(scene, layer.depsgraph, trajectory=trajectory, around=around, shutter=())
     finished = False
     try:
-        with cleanup.all_or_nothing(), shared_record(scene, frames):
+        with removal.all_or_nothing(), shared_record(scene, frames):
             if lacks_levels:
                 yield from share(make_levels(scene), 0.0, 0.3)
             elif not earlier_groups:
                 store_groups(settings, groups)
+            yield from standing(reading(scene), 0.3 if lacks_levels else 0.0)
+            made_for = inputs_of(scene)
             result = yield from share(work(), 0.3 if lacks_levels else 0.0, 1.0)
             # no more yields: what is half shown could not be put back
             with provenance.unedited():
@@ -74,11 +76,11 @@ def prepared(
                 watch_points(scene)
                 layer.update()
             update(scene, layer.depsgraph)
-            note_build(scene)
+            note_build(scene, made_for)
             finished = True
             return result
     finally:
-        if not finished:
+        if not finished and removal.is_there(scene):
             store_groups(settings, earlier_groups)
             settings.dropped = dropped
             settings.estimate = estimate  # groups that are stored clear it
@@ -137,8 +139,8 @@ class CROWDLOD_OT_build(Stepwise, bpy.types.Operator):
         needs.camera,
     )
 
-    def steps(self, context) -> Generator[float, None, str]:
-        return (yield from build_live(context.scene))
+    def work(self, scene: bpy.types.Scene) -> Generator[float, None, str]:
+        return (yield from build_live(scene))
 
 
 class CROWDLOD_OT_bake(Stepwise, bpy.types.Operator):
@@ -151,8 +153,8 @@ class CROWDLOD_OT_bake(Stepwise, bpy.types.Operator):
         needs.camera,
     )
 
-    def steps(self, context) -> Generator[float, None, str]:
-        return (yield from bake_frames(context.scene))
+    def work(self, scene: bpy.types.Scene) -> Generator[float, None, str]:
+        return (yield from bake_frames(scene))
 
 
 class CROWDLOD_OT_remove_build(Reporting, bpy.types.Operator):

@@ -16,10 +16,10 @@ from ...crowd_lod.culling.shutter import differs
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.sources.trajectory import Trajectory
-from ..blender import cameras, frame_stepping, mesh_data, scene_cache, scene_data
+from ..blender import cameras, frame_stepping, mesh_data, removal, scene_cache, scene_data
 from ..blender.guard import clear_troubles, handler
 from ..blender.main_thread import on_main_thread
-from ..blender.operator import at_work
+from ..blender.steps import at_work
 from ..scene import lights
 from ..scene.scene_crowd import frame_of, trajectory_of
 from ..sources.crowd_sources import crowds_of, is_live, live
@@ -257,7 +257,7 @@ def ended(*_) -> None:
     _told.clear()
     if _stages:
         with suppress(CrowdError):
-            on_main_thread(partial(bpy.data.batch_remove, _stages[:]))
+            on_main_thread(partial(removal.remove, _stages[:]))
         _stages.clear()
 
 
@@ -437,7 +437,7 @@ def follow_points(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Non
     again.
     """
     settings = scene.crowd_lod
-    if settings.build is None or at_work or not live(settings):
+    if settings.build is None or at_work() or not live(settings):
         return
     sources = {crowd.points for crowd in crowds_of(settings) if is_live(crowd)}
     if any(

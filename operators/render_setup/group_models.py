@@ -7,10 +7,10 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.progress import share
-from ..blender import scene_data
-from ..blender.cleanup import removed_on_failure
+from ..blender import removal, scene_data
 from ..blender.named_actions import group_performance
 from ..blender.performance import Performance
+from ..blender.removal import removed_on_failure
 from ..blender.render_evaluation import as_rendered
 from ..characters.characters import check_measured
 from ..characters.rig_needs import POSES, leads, stands_for
@@ -126,7 +126,7 @@ def _models(
             new_blocks = [block for block in blocks if block not in before]
             for block in new_blocks:
                 del blocks[block]
-            bpy.data.batch_remove(new_blocks)
+            removal.remove(new_blocks)
             return [], sentences
         models.append(model)
     return models, sentences

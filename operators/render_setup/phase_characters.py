@@ -15,11 +15,11 @@ from ...crowd_lod.animation.phase_classes import Library
 from ...crowd_lod.progress import share
 from ...crowd_lod.shot.stand_ins import hold_shown, stand_ins
 from ...crowd_lod.sources.trajectory import Trajectory
-from ..blender import mesh_data
-from ..blender.cleanup import removed_on_failure
+from ..blender import mesh_data, removal
 from ..blender.named_actions import group_performance
 from ..blender.ownership import OWNED
 from ..blender.performance import Performance
+from ..blender.removal import removed_on_failure
 from ..blender.render_evaluation import as_rendered
 from ..lod_meshes.deviation import SOLID
 from ..lod_meshes.selection import cast_of
@@ -124,7 +124,7 @@ def make_cast(
     idle = [block for block in library.blocks if not block.users]  # of groups that nobody shows
     for block in idle:
         del cast.names[block]
-    bpy.data.batch_remove(idle)
+    removal.remove(idle)
     for block in cast.names:
         block[OWNED] = True
     return cast

@@ -15,10 +15,9 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import number as figure
 from ...crowd_lod.progress import share, standing
 from ...crowd_lod.sources.trajectory import Trajectory
-from ..blender import provenance, scene_data, stored_values
-from ..blender.cleanup import removed_on_failure
+from ..blender import provenance, removal, scene_data, stored_values
 from ..blender.ownership import OWNED, remove_owned
-from ..characters.cast_provenance import reading, reading_afresh
+from ..characters.cast_provenance import reading
 from ..characters.stored_groups import groups_of
 from ..lod_meshes.made_for import to_make_again
 from ..lod_meshes.make_lods import TINTS
@@ -148,17 +147,14 @@ def build(
     check_scene(scene)
     complete = selection is None
     cast = of_plan = None
+    inputs = {}
     if complete:
         yield from standing(reading(scene), 0.0)
         of_plan = yield from share(meshes_of_plan(scene), 0.0, 0.2)
-        cast = yield from standing(_current_cast(scene, of_plan), 0.2)
+        inputs = yield from standing(_inputs_of_characters(scene, of_plan), 0.2)
+        cast = _current_cast(scene, inputs)
     if cast is None:
         cast = yield from share(make_cast(scene, selection, of_plan=of_plan), 0.2, 1.0)
-    inputs = {}
-    if complete:
-        with removed_on_failure(cast.names):
-            yield from standing(reading_afresh(scene), 1.0)
-            inputs = yield from standing(_inputs_of_characters(scene, of_plan), 1.0)
     top = install(scene, cast)
     if complete:
         provenance.keep(top, MADE_OF, inputs | _digest_shown(top))
@@ -173,13 +169,10 @@ def check_scene(scene: bpy.types.Scene) -> None:
     check_build(scene)
 
 
-def _current_cast(
-    scene: bpy.types.Scene, of_plan: np.ndarray | None
-) -> Generator[float, None, Cast | None]:
+def _current_cast(scene: bpy.types.Scene, inputs: dict[str, str]) -> Cast | None:
     """Return the Cast of the scene's build, without characters, or None if it is out of date.
 
-    Yields between steps.
-    of_plan: here and below, what meshes_of_plan returns.
+    inputs: see _inputs_of_characters.
     Posed meshes and scaled images are always made anew.
     """
     settings = scene.crowd_lod
@@ -188,7 +181,6 @@ def _current_cast(
         return None
     if MADE_OF not in top or np.any(np.ravel(top.get(POSED, 1))):
         return None
-    inputs = yield from _inputs_of_characters(scene, of_plan)
     if not provenance.is_made_of(top, MADE_OF, inputs | _digest_shown(top)):
         return None
     return Cast(np.array(top[POSED], np.intp), [], notes=str(top.get(NOTES, "")).splitlines())
@@ -198,6 +190,8 @@ def _inputs_of_characters(
     scene: bpy.types.Scene, of_plan: np.ndarray | None
 ) -> Generator[float, None, dict[str, str]]:
     """Read all that the characters of a build depend on, but for what it shows.
+
+    of_plan: what meshes_of_plan returns.
 
     Yields between steps, and returns digests by name.
     """
@@ -257,7 +251,7 @@ def _fit_points(scene: bpy.types.Scene, top: bpy.types.Collection) -> None:
         points = surplus.pop(bucket.name, None) or _points(top, bucket)
         points[LEVEL] = bucket.level
         points[BUCKET] = bucket.name
-    bpy.data.batch_remove([block for points in surplus.values() for block in (points, points.data)])
+    removal.remove([block for points in surplus.values() for block in (points, points.data)])
 
 
 def notes_on_cast(scene: bpy.types.Scene, cast: Cast) -> str:
@@ -357,7 +351,7 @@ def remove_build(settings) -> None:
     for kind in (baked.NAME, instances.NAME):  # the one holds the other
         tree = trees.find_tree(kind)
         if tree is not None and not tree.users:
-            bpy.data.node_groups.remove(tree)
+            removal.remove([tree])
 
 
 @bpy.app.handlers.persistent

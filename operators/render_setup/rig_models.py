@@ -6,6 +6,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
+from ..blender import removal
 from ..characters.bone_channels import ROUNDING, channels, turned_shortly
 from ..characters.bone_motion import Bones, split_scale
 from .close_recording import Recording
@@ -87,7 +88,7 @@ def _armature(
     """Return armature data with bones at `rest`, matrices (4, 4), none with a parent."""
     data = bpy.data.armatures.new(name)
     holder = bpy.data.objects.new(name, data)
-    stage = bpy.data.scenes.new("Crowd LOD rig")
+    stage = bpy.data.scenes.new(".Crowd LOD rig")
     try:
         stage.collection.objects.link(holder)
         layer = stage.view_layers[0]
@@ -102,7 +103,7 @@ def _armature(
                 edit_bone.matrix = Matrix(matrix.tolist())
             bpy.ops.object.mode_set(mode="OBJECT")
     finally:
-        bpy.data.batch_remove([stage, holder])
+        removal.remove([stage, holder])
     return data
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from mathutils import Matrix
 
 from ...crowd_lod.progress import standing
-from ..blender import mesh_data
+from ..blender import mesh_data, removal
 from ..blender.performance import Performance
 from ..characters.bone_motion import NEAR, copy_unlinked
 from ..characters.rig_needs import refusal
@@ -190,7 +190,7 @@ def _drop(model: Model, blocks: dict[bpy.types.ID, str]) -> None:
     doomed = [block for pair in model.rigs.values() for block in pair]
     for block in doomed:
         del blocks[block]
-    bpy.data.batch_remove(doomed)
+    removal.remove(doomed)
 
 
 def _off(
@@ -217,4 +217,4 @@ def _off(
         return distances
     finally:
         performance.rest()
-        bpy.data.batch_remove([*rigs.values(), *copies.values()])
+        removal.remove([*rigs.values(), *copies.values()])

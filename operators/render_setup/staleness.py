@@ -4,6 +4,8 @@ A live build follows frame and camera by itself. What it does not follow, and al
 shows, is compared with what it was made for.
 """
 
+from collections.abc import Mapping
+
 import bpy
 
 from ...crowd_lod.errors import CrowdError
@@ -19,6 +21,8 @@ from .change_detection import cameras_digest, lights_digest
 from .render_setup import BAKED, CAMERAS, LIGHTS
 
 MADE_FOR = "crowd_lod_made_for"  # custom property of the build
+# what live builds follow by themselves
+OF_BAKES = CAMERA, "the frame range", "the resolution"
 # settings that are in no digest of the crowd
 SETTINGS = (
     "forward",
@@ -34,9 +38,10 @@ SETTINGS = (
 )
 
 
-def note_build(scene: bpy.types.Scene) -> None:
-    """Store in the scene's build what it was made for, as cast_provenance has read it afresh."""
-    provenance.keep(scene.crowd_lod.build, MADE_FOR, _now(scene))
+def note_build(scene: bpy.types.Scene, made_for: Mapping[str, str]) -> None:
+    """Store in the scene's build what it was made for: `inputs_of`, as the work began."""
+    build = scene.crowd_lod.build
+    provenance.keep(build, MADE_FOR, _of_kind(build, made_for))
     _changes.drop(scene)
 
 
@@ -75,7 +80,9 @@ def _changes(scene: bpy.types.Scene) -> list[str]:
     if build is None or not isinstance(build.get(MADE_FOR), str):
         return []
     try:
-        sentences = provenance.differences(provenance.read_inputs(build, MADE_FOR), _now(scene))
+        sentences = provenance.differences(
+            provenance.read_inputs(build, MADE_FOR), _of_kind(build, inputs_of(scene))
+        )
         if BAKED in build and not scene.frame_subframe:
             sentences += _other_in_frame(scene, build)
         return list(dict.fromkeys(sentences))
@@ -100,27 +107,29 @@ def _other_in_frame(scene: bpy.types.Scene, bake: bpy.types.Collection) -> list[
     return sentences
 
 
-def _now(scene: bpy.types.Scene) -> dict[str, str]:
-    """Return digests of what a build depends on, by name."""
+def inputs_of(scene: bpy.types.Scene) -> dict[str, str]:
+    """Return digests of what a bake depends on, by name; a live build follows OF_BAKES."""
     settings = scene.crowd_lod
     render = scene.render
     trajectory = trajectory_of(scene)
     bias = bias_of(settings)
     inputs = plan_inputs(settings, trajectory, policy_of(settings), bias)
     homes = [home and home.name for home in (settings.mirrors, settings.see_through)]
-    inputs |= {
+    return inputs | {
         "the settings": text_digest(homes, *(getattr(settings, name) for name in SETTINGS)),
         "the frame rate": text_digest(
             render.fps, render.fps_base, render.frame_map_old, render.frame_map_new
         ),
         "the shot plan": content_of(settings),
-    }
-    if settings.build is not None and BAKED in settings.build:
-        inputs[CAMERA] = camera_motion(scene)
-        inputs["the frame range"] = text_digest(
-            scene.frame_start, scene.frame_end, scene.frame_step
-        )
-        inputs["the resolution"] = text_digest(
+        CAMERA: camera_motion(scene),
+        "the frame range": text_digest(scene.frame_start, scene.frame_end, scene.frame_step),
+        "the resolution": text_digest(
             render.resolution_x, render.resolution_y, render.resolution_percentage
-        )
-    return inputs
+        ),
+    }
+
+
+def _of_kind(build: bpy.types.Collection, inputs: Mapping[str, str]) -> dict[str, str]:
+    """Return those of the inputs that the build does not follow by itself."""
+    own = () if BAKED in build else OF_BAKES
+    return {name: digest for name, digest in inputs.items() if name not in own}

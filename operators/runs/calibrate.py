@@ -15,7 +15,7 @@ import numpy as np
 from ...crowd_lod.format import counted
 from ...crowd_lod.levels.cost_fit import fit_seconds
 from ...crowd_lod.levels.cost_model import NAMES, Work
-from ..blender import cleanup, console
+from ..blender import console, removal
 from ..blender.machine_costs import Calibration, device_of, key_of, store_fit
 from ..blender.operator import Stepwise
 from ..blender.scene_data import engine_of, samples_of
@@ -98,7 +98,7 @@ def calibrate(
     where the generator is closed, and where the renders do not determine the costs: CrowdError.
     """
     engine = engine_of(scene)
-    with cleanup.scratch():
+    with removal.scratch():
         trials = yield from _render_trials(scene, effort)
     fit = fit_seconds(engine, trials.works, trials.seconds)
     calibration = Calibration(
@@ -133,7 +133,7 @@ def _render_trials(scene: bpy.types.Scene, effort: Effort) -> Generator[float, N
         passed = time.monotonic() - begun
         if passed > ENOUGH or longest > LONGEST:
             break
-        with cleanup.scratch():
+        with removal.scratch():
             work = show_crowd(stage, crowd)
             for samples, ground in empty.items():
                 render_seconds = min(_seconds(stage, samples, clock) for _ in range(effort.repeats))
@@ -196,8 +196,8 @@ class CROWDLOD_OT_calibrate(Stepwise, bpy.types.Operator):
     bl_label = "Calibrate"
     bl_options = {"REGISTER"}  # the file is as before
 
-    def steps(self, context) -> Generator[float, None, str]:
-        calibration = yield from calibrate(context.scene)
+    def work(self, scene: bpy.types.Scene) -> Generator[float, None, str]:
+        calibration = yield from calibrate(scene)
         return calibration_sentence(calibration)
 
 

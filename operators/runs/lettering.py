@@ -8,7 +8,7 @@ import numpy as np
 from ...crowd_lod.progress import aside
 from ...crowd_lod.reporting.tables import SHEET, contact_sheet
 from ...crowd_lod.simplification import rasterizer
-from ..blender import mesh_data
+from ..blender import mesh_data, removal
 from ..blender.color_space import to_srgb
 
 INK = (0.13, 0.14, 0.17)  # sRGB, on light paper
@@ -33,7 +33,7 @@ def _outlines(words: str, tall: float) -> tuple[np.ndarray, np.ndarray]:
     try:
         points, triangles, _, _ = mesh_data.read_triangles(mesh)
     finally:
-        bpy.data.batch_remove([item, curve, mesh])
+        removal.remove([item, curve, mesh])
     return points[:, :2].astype(np.float64), triangles
 
 

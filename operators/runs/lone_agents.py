@@ -19,7 +19,7 @@ from ...crowd_lod.srgb import encoded
 from ...crowd_lod.validation import silhouette
 from ...crowd_lod.validation.judged_agents import JudgedAgent
 from ...crowd_lod.validation.render_proof import describe_difference, worst_agents
-from ..blender import cleanup, console, image_data, mesh_data, scene_data
+from ..blender import console, image_data, mesh_data, removal, scene_data
 from ..render_setup.appended_builds import STAGE
 from ..render_setup.nodes import trees
 from .lettering import labeled_sheet
@@ -72,7 +72,7 @@ class LoneStage:
     """
 
     def __init__(self, scene: bpy.types.Scene, folder: Path):
-        self.stage = bpy.data.scenes.new("Crowd LOD lone agent")
+        self.stage = bpy.data.scenes.new(".Crowd LOD lone agent")
         self.path = folder / "lone_agent.exr"
         self.stage[STAGE] = True
         render = self.stage.render
@@ -130,7 +130,7 @@ class LoneStage:
         height = self.stage.render.resolution_y
         if agent is None:
             return np.zeros((height, width, 4), np.float32)
-        with cleanup.scratch():
+        with removal.scratch():
             self.stage.collection.objects.link(_alone(agent))
             self.stage.frame_set(number)
             self.stage.render.filepath = str(self.path)

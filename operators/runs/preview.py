@@ -26,7 +26,7 @@ from ...crowd_lod.reporting.png_file import save_png
 from ...crowd_lod.reporting.shot_page import preview_page
 from ...crowd_lod.shot import plan_file
 from ...crowd_lod.shot.frame_errors import worst_error
-from ..blender import cameras, cleanup, frame_stepping, image_data, scene_data
+from ..blender import cameras, frame_stepping, image_data, removal, scene_data
 from ..blender.operator import Stepwise
 from ..blender.output_folders import output_folder, place_of
 from ..blender.output_index import note_output
@@ -77,7 +77,7 @@ def preview(
     """
     with (
         sharing.opened(task.folder) as folder,
-        cleanup.scratch(),
+        removal.scratch(),
         contextlib.ExitStack() as opened,
     ):
         started = clock.perf_counter()
@@ -415,29 +415,30 @@ class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
 
     bl_idname = "crowd_lod.preview"
     bl_label = "Preview"
+    renders = True
     bl_options = {"REGISTER"}
     needs = (
         needs.characters,
         needs.camera,
     )
 
-    def steps(self, context) -> Generator[float, None, str]:
-        settings = context.scene.crowd_lod
+    def work(self, scene: bpy.types.Scene) -> Generator[float, None, str]:
+        settings = scene.crowd_lod
         task = Preview(
-            frames=scene_data.frames_of(context.scene, settings.step),
-            folder=output_folder(context.scene, "preview"),
+            frames=scene_data.frames_of(scene, settings.step),
+            folder=output_folder(scene, "preview"),
             width=settings.width,
             engine=settings.engine,
             color=color_of(settings),
         )
-        plan = yield from preview(context.scene, task, ["sidebar"])
+        plan = yield from preview(scene, task, ["sidebar"])
         sentence = (
             f"{counted(len(task.frames), 'frame is', 'frames are')} in {place_of(task.folder)}."
         )
         found = verdict_in(plan)
-        note_output(context.scene, "preview", found or in_sight(plan["frames"]))
+        note_output(scene, "preview", found or in_sight(plan["frames"]))
         sentence = f"{found} {sentence}".lstrip()
-        return f"{sentence} {LEFT_OUT}" if leaves_out(context.scene) else sentence
+        return f"{sentence} {LEFT_OUT}" if leaves_out(scene) else sentence
 
 
 CLASSES = (CROWDLOD_OT_preview,)

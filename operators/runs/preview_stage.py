@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.frame.frame import Frame
-from ..blender import cameras, image_data, mesh_data, scene_data
+from ..blender import cameras, image_data, mesh_data, removal, scene_data
 from ..blender.shader_nodes import switch_nodes_on
 from ..overlay.agent_colors import by_error
 from ..overlay.playblast import caption_size
@@ -85,7 +85,7 @@ def _stage_of(scene: bpy.types.Scene, task: Preview) -> bpy.types.Scene:
     unless they are kept in renders.
     """
     stage = scene.copy()
-    stage.name = "Crowd LOD preview"
+    stage.name = ".Crowd LOD preview"
     scene_data.let_go(stage, "build")
     for layer in stage.view_layers if leaves_out(stage) else ():
         layer.update()
@@ -191,7 +191,7 @@ class Rendered:
         Workbench knows no color but that of objects.
         """
         meshes = [item.data for item in self.tinted_points]
-        bpy.data.batch_remove([*self.tinted_points, *meshes])
+        removal.remove([*self.tinted_points, *meshes])
         self.tinted_points = []
         colors = by_error(frame)
         for name, points in render_setup.points_of(self.built).items():

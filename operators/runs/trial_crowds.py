@@ -44,7 +44,7 @@ def make_stage(scene: bpy.types.Scene, width: int) -> bpy.types.Scene:
 
     width: of the picture, pixels.
     """
-    stage = bpy.data.scenes.new("Crowd LOD calibration")
+    stage = bpy.data.scenes.new(".Crowd LOD calibration")
     film(stage)
     ground = tile(-3000, -3000, 3000, 3000, -0.02)
     add(stage.collection, "Ground", [(ground, material("Ground", (0.5, 0.5, 0.48)))])

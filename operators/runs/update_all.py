@@ -15,7 +15,7 @@ import bpy
 from ...crowd_lod.errors import FAULTS, CrowdError
 from ...crowd_lod.errors import sentence as fault_sentence
 from ...crowd_lod.progress import finished, share, standing
-from ..blender import provenance, scene_data, unfinished
+from ..blender import provenance, scene_data
 from ..blender.operator import Stepwise
 from ..blender.output_folders import full_path
 from ..blender.sidebar_answers import hold, keep_at_work
@@ -246,14 +246,12 @@ class CROWDLOD_OT_update_all(Stepwise, bpy.types.Operator):
     bl_label = "Update All"
     needs = (needs.crowd, needs.camera)
 
-    def steps(self, context) -> Generator[float, None, str]:
-        scene = context.scene
+    def work(self, scene: bpy.types.Scene) -> Generator[float, None, str]:
         finished_steps: list[str] = []
 
         def note(label: str) -> None:
             finished_steps.append(label)
             self.remains = f"{' and '.join(finished_steps)} stay"
-            unfinished.keep(scene)
             if bpy.ops.ed.undo_push.poll():  # each step can be undone alone
                 bpy.ops.ed.undo_push(message=label)
 

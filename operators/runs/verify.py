@@ -1,6 +1,6 @@
 """Proof by renders: the same frames with and without culling and LOD, compared."""
 
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -18,7 +18,7 @@ from ...crowd_lod.reporting.frame_parts import FrameParts
 from ...crowd_lod.reporting.png_file import save_png
 from ...crowd_lod.reporting.verify_report import verify_page
 from ...crowd_lod.validation.render_proof import is_ok
-from ..blender import cameras, cleanup, frame_stepping, image_data, scene_data
+from ..blender import cameras, cleanup, frame_stepping, image_data, removal, scene_data
 from ..characters.glow import glowing
 from ..characters.group_measuring import measuring_groups
 from ..characters.stored_groups import groups_of, store_groups
@@ -108,10 +108,14 @@ def _check_cycles(scene: bpy.types.Scene) -> None:
 def _restore_afterwards(scene: bpy.types.Scene, opened: ExitStack) -> None:
     """Restore the scene and its settings, and remove what was made, when `opened` closes."""
     settings = scene.crowd_lod
-    layer = scene.view_layers[0]
+
+    def if_there(put_back: Callable[..., Any], *arguments: Any) -> None:
+        if removal.is_there(scene):
+            put_back(*arguments)
+
     # a live build was shown other frames
-    opened.callback(lambda: frame_update.follow(scene, layer.depsgraph))
-    opened.enter_context(cleanup.scratch())
+    opened.callback(if_there, lambda: frame_update.follow(scene, scene.view_layers[0].depsgraph))
+    opened.enter_context(removal.scratch())
     owners = (
         scene.render,
         scene.render.image_settings,
@@ -123,8 +127,8 @@ def _restore_afterwards(scene: bpy.types.Scene, opened: ExitStack) -> None:
     )
     opened.enter_context(cleanup.restore_settings(*owners))
     opened.enter_context(cleanup.restore_settings(settings, only=SET_MEANWHILE))
-    opened.callback(store_groups, settings, groups_of(settings))
-    opened.callback(setattr, scene, "world", scene.world)
+    opened.callback(if_there, store_groups, settings, groups_of(settings))
+    opened.callback(if_there, setattr, scene, "world", scene.world)
 
 
 def _set_up(
@@ -167,9 +171,8 @@ def _aim_nowhere(scene: bpy.types.Scene, opened: ExitStack) -> None:
     Where fewer agents glow, aimed rays would meet others: the noise would differ.
     """
     for material in {material for worn in glowing(scene).values() for material in worn}:
-        cycles = material.cycles
-        opened.callback(setattr, cycles, "emission_sampling", cycles.emission_sampling)
-        cycles.emission_sampling = "NONE"
+        opened.enter_context(cleanup.restore_settings(material.cycles, only=("emission_sampling",)))
+        material.cycles.emission_sampling = "NONE"
 
 
 def _write(run: Proof, result: dict[str, Any]) -> Iterator[float]:

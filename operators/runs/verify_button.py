@@ -56,26 +56,27 @@ class CROWDLOD_OT_verify(Stepwise, bpy.types.Operator):
     )
     bl_idname = "crowd_lod.verify"
     bl_label = "Verify"
+    renders = True
     bl_options = {"REGISTER"}
     needs = (needs.characters, needs.camera)
 
-    def steps(self, context) -> Generator[float, None, str]:
-        settings = context.scene.crowd_lod
-        frames = frames_to_verify(context.scene, scene_data.frames_of(context.scene))
+    def work(self, scene: bpy.types.Scene) -> Generator[float, None, str]:
+        settings = scene.crowd_lod
+        frames = frames_to_verify(scene, scene_data.frames_of(scene))
         task = Verify(
             frames=spread_evenly(frames, settings.verify_count),
-            folder=output_folder(context.scene, "verify"),
+            folder=output_folder(scene, "verify"),
             width=settings.verify_width,
             samples=settings.verify_samples,
         )
-        result = yield from verify(context.scene, task, ["sidebar"])
-        note_output(context.scene, "verify", verdict(result))
+        result = yield from verify(scene, task, ["sidebar"])
+        note_output(scene, "verify", verdict(result))
         if result["agents"]:
             worst = result["agents"][worst_agents(result["agents"])[0]]
             _show_agents(task.folder / f"frame_{worst['frame']:04d}_agents.png")
         sentence = f"{verdict(result)} The report is in {place_of(task.folder)}."
         scene_cache.tidy()
-        _verdicts[context.scene.session_uid] = sentence, _build_of(context.scene)
+        _verdicts[scene.session_uid] = sentence, _build_of(scene)
         if not result["ok"]:
             raise CrowdError(sentence)  # the report stays
         return sentence

@@ -12,7 +12,7 @@ from ...crowd_lod.culling.stereo import EYES
 from ...crowd_lod.progress import aside
 from ...crowd_lod.reporting import file_checks
 from ...crowd_lod.reporting.png_file import save_png
-from ..blender import cameras, cleanup, console, image_data
+from ..blender import cameras, cleanup, console, image_data, removal
 
 # The pictures of a frame. The third is the culled one without those whom the camera does not see
 # itself.
@@ -98,7 +98,7 @@ def develop_picture(stage: bpy.types.Scene, path: Path) -> Generator[float, None
                 image.save_render(str(png), scene=stage)
             pixels.append(image_data.load_pixels(png))
         finally:
-            bpy.data.images.remove(image)
+            removal.remove([image])
         raw.unlink()
         png.unlink()
         yield 0.0

@@ -9,6 +9,7 @@ import bpy
 
 from ...crowd_lod.validation.judged_agents import JUDGED
 from ..blender.ownership import OWNED
+from ..blender.removal import is_there
 from ..render_setup import bake, render_setup
 from ..render_setup.hidden_characters import hides_characters
 from .preview_stage import SIZE, Preview, set_up
@@ -98,7 +99,8 @@ def without_shadows(scene: bpy.types.Scene) -> Iterator[None]:
         yield
     finally:
         for lamp, casts in lamps.items():
-            lamp.use_shadow = casts
+            if is_there(lamp):
+                lamp.use_shadow = casts
 
 
 def light_by(stage: bpy.types.Scene, bounces: int, worlds: tuple) -> None:

@@ -95,11 +95,11 @@ class CROWDLOD_OT_populate(Stepwise, bpy.types.Operator):
     bl_label = "Populate"
     needs = (needs.characters,)
 
-    def steps(self, context) -> Generator[float, None, str]:
-        result, warnings = yield from populate_scene(
-            context.scene, context.evaluated_depsgraph_get()
-        )
-        context.scene.crowd_lod.overlay = True
+    def work(self, scene: bpy.types.Scene) -> Generator[float, None, str]:
+        depsgraph = crowd_sources.depsgraph_of(scene)
+        depsgraph.update()
+        result, warnings = yield from populate_scene(scene, depsgraph)
+        scene.crowd_lod.overlay = True
         for warning in warnings:
             self.report({"WARNING"}, warning)
         more = f" {counted(len(warnings), 'warning')}: see Messages." if warnings else ""

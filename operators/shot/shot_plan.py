@@ -128,6 +128,9 @@ def _plan_ready(
     trajectory = trajectory_of(scene)
     policy = policy_of(scene.crowd_lod)
     exemptions = exemptions_of(scene, trajectory, policy, request.frames)
+    yield from standing(cast_provenance.reading(scene), 0.0)
+    bias = bias_of(scene.crowd_lod)
+    made_for = shot_reference.plan_inputs(scene.crowd_lod, trajectory, policy, bias)
     through = yield from share(survey_of(scene, request.frames, request.blurred), 0.0, surveyed)
     coloring = plan_phases(
         through.survey,
@@ -145,14 +148,12 @@ def _plan_ready(
     plan = yield from share(deciding, colored, decided)
     report = yield from share(_report_on(scene, through, phases, shot, plan), decided, reported)
     points = yield from share(steps_aside(find_points(shot, policy.tolerance)), reported, 1.0)
-    bias = bias_of(scene.crowd_lod)
-    yield from standing(cast_provenance.reading(scene), 1.0)
     stored = plan_file.StoredPlan(
         path=request.folder / plan_file.NAME,
         numbers=survey.numbers,
         times=survey.times,
         cameras=through.cameras,
-        made_for=shot_reference.plan_inputs(scene.crowd_lod, trajectory, policy, bias),
+        made_for=made_for,
         tolerance=max(plan.tolerance, policy.tolerance or 0.0) or None,
         phases=phases.phases,
         cast=(yield from standing(aside(lambda: needed_meshes(shot, plan.bill.agents_shown)), 1.0)),
@@ -377,8 +378,8 @@ class CROWDLOD_OT_plan_shot(Stepwise, bpy.types.Operator):
         needs.camera,
     )
 
-    def steps(self, context) -> Generator[float, None, str]:
-        return (yield from plan_of_settings(context.scene))
+    def work(self, scene: bpy.types.Scene) -> Generator[float, None, str]:
+        return (yield from plan_of_settings(scene))
 
 
 class CROWDLOD_OT_remove_plan(Reporting, bpy.types.Operator):

@@ -77,7 +77,7 @@ def combine_crowds(
     """
     crowds = crowds_of(scene.crowd_lod)
     if live(scene.crowd_lod):
-        depsgraph = depsgraph or _depsgraph(scene)
+        depsgraph = depsgraph or depsgraph_of(scene)
     groups = cover_wardrobes(tuple(map(cover_sizes, groups)))
     members = [_member(scene, k, crowd, groups, depsgraph) for k, crowd in enumerate(crowds)]
     if len(members) == 1 and crowds[0].use_crowd:
@@ -224,7 +224,7 @@ def populate_crowds(
             crowd.points_count = count
 
 
-def _depsgraph(scene: bpy.types.Scene) -> bpy.types.Depsgraph:
+def depsgraph_of(scene: bpy.types.Scene) -> bpy.types.Depsgraph:
     """Return the depsgraph of the window's view layer, or of the scene's first."""
     layer = bpy.context.view_layer if bpy.context.scene == scene else scene.view_layers[0]
     if layer.depsgraph is None:  # it was never shown

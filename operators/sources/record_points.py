@@ -21,7 +21,7 @@ from ...crowd_lod.tracks.rows import MOST_ROWS, Rows
 from ..blender import frame_stepping, scene_data
 from ..blender.operator import Stepwise
 from ..blender.output_folders import BLEND_NAME, full_path, saved_path
-from ..blender.unfinished import put_back
+from ..blender.removal import is_there
 from ..characters.characters import all_characters
 from ..settings import needs
 from .crowd_sources import crowds_of, draw_of, is_live
@@ -74,11 +74,12 @@ def shared_record(scene: bpy.types.Scene, frames: Sequence[int] = ()) -> Iterato
         yield
         return
     with tempfile.TemporaryDirectory() as folder:
-        _shared[scene.session_uid] = _Record(Path(folder), frames)
+        uid = scene.session_uid
+        _shared[uid] = _Record(Path(folder), frames)
         try:
             yield
         finally:
-            del _shared[scene.session_uid]
+            del _shared[uid]
 
 
 def with_record(
@@ -101,9 +102,6 @@ def with_record(
         tuple((crowd.name, crowd.points and crowd.points.session_uid) for crowd in crowds),
     )
     with ExitStack() as stack:
-        for crowd, source in zip(crowds, sources, strict=True):
-            values = dict(zip(SOURCE, source, strict=True))
-            stack.enter_context(put_back("scenes", scene, crowd.path_from_id(), values))
         stack.enter_context(shared_record(scene, frames))
         record = _shared[scene.session_uid]
         try:
@@ -117,7 +115,8 @@ def with_record(
                 record.settings = tuple(map(_followed, crowds))
             return (yield from share(work(), 0.3, 1.0))
         finally:
-            _follow(crowds, sources)
+            if is_there(scene):
+                _follow(crowds, sources)
 
 
 def _followed(crowd) -> tuple:
@@ -289,8 +288,7 @@ class CROWDLOD_OT_record_points(Stepwise, bpy.types.Operator):
     bl_label = "Record Points"
     needs = (needs.characters, needs.points)
 
-    def steps(self, context) -> Generator[float, None, str]:
-        scene = context.scene
+    def work(self, scene: bpy.types.Scene) -> Generator[float, None, str]:
         crowds = [crowd for crowd in crowds_of(scene.crowd_lod) if is_live(crowd)]
         parts = [(crowd.name, crowd.points and crowd.points.name) for crowd in crowds]
         names = [bpy.path.clean_name("_".join(filter(None, each))) for each in parts]

@@ -149,8 +149,7 @@ class CROWDLOD_OT_simulate(Stepwise, bpy.types.Operator):
         description="0 for the scene's own crowd, 1 for the first of the further ones",
     )
 
-    def steps(self, context) -> Generator[float, None, str]:
-        scene = context.scene
+    def work(self, scene: bpy.types.Scene) -> Generator[float, None, str]:
         home = Path(bpy.data.filepath)
         name = bpy.path.clean_name(
             f"{home.stem}_{scene.name}" + (f"_{self.crowd + 1}" if self.crowd else "")

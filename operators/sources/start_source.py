@@ -10,7 +10,15 @@ from ...crowd_lod.crowd import start_places
 from ...crowd_lod.crowd.maps import Area
 from ...crowd_lod.crowd.start_places import Places, Spacing
 from ...crowd_lod.errors import CrowdError
-from ..blender import image_data, kept_meshes, mesh_data, provenance, scene_cache, scene_data
+from ..blender import (
+    image_data,
+    kept_meshes,
+    mesh_data,
+    provenance,
+    removal,
+    scene_cache,
+    scene_data,
+)
 from ..blender.object_boxes import in_box
 
 # By the session_uid of the kept mesh.
@@ -230,7 +238,7 @@ def _curves(
         ) from None
     finally:
         if bare is not None:
-            bpy.data.curves.remove(bare.data)
+            removal.remove([bare.data])
     world = points @ matrix[:3, :3].T + matrix[:3, 3]
     for chain, closed in start_places.chains(edges, len(points)):
         yield world[chain], closed

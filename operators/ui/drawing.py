@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import bpy
 
-from ..blender import operator, scene_data
+from ..blender import scene_data, steps
 
 MOST_ROWS = 12  # of a table
 # Name and icon of each LOD's color in lod_meshes.level_objects.TINTS.
@@ -37,11 +37,10 @@ def button(
 
     following: the operator that comes next in the work; its button is drawn as the default one.
     """
-    if name in operator.at_work:
-        done = operator.at_work[name]
-        row = layout.row(align=True)
-        row.progress(factor=done, text=f"{done:.0%}, Esc", translate=False)
-        row.operator("crowd_lod.stop", text="", icon="X")
+    step = steps.at_work()
+    if step is not None and step.name == name:
+        done = step.slices.progress
+        layout.progress(factor=done, text=f"{step.slices.label}: {done:.0%}", translate=False)
         return None
     row = layout.row(align=True)
     row.active_default = name == following

@@ -27,9 +27,8 @@ class CROWDLOD_OT_export_usd(Stepwise, bpy.types.Operator):
     bl_label = "Export USD"
     needs = (needs.characters, needs.camera, missing_openusd)
 
-    def steps(self, context) -> Generator[float, None, str]:
-        scene = context.scene
-        settings = context.scene.crowd_lod
+    def work(self, scene: bpy.types.Scene) -> Generator[float, None, str]:
+        settings = scene.crowd_lod
         name = settings.usd_file
         if Path(name).name != name:
             raise CrowdError(

@@ -11,7 +11,7 @@ import pytest
 from crowd_lod_extension import sample_scenes
 from crowd_lod_extension.crowd_lod.animation.skinning import pose, skin
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.blender import cleanup, mesh_data
+from crowd_lod_extension.operators.blender import mesh_data, removal
 from crowd_lod_extension.operators.overlay import gpu_batches, shader_programs, skinned_characters
 from crowd_lod_extension.operators.overlay.draw_data import Drawing
 from crowd_lod_extension.operators.overlay.gpu_batches import Batches, Cast
@@ -205,7 +205,7 @@ def test_the_shader_skins_as_blender_does(scene, cast, group, level):
     home = homes(scene, group)[level]
     items = [item for item in home.all_objects if item.type == "MESH"]
     assert len(items) == (3 if group == 0 else 1)
-    with cleanup.scratch():
+    with removal.scratch():
         stage = bpy.data.scenes.new("oracle")
         for item in items:
             stage.collection.objects.link(item)
