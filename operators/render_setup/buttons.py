@@ -12,7 +12,7 @@ from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.progress import Made, share, standing
 from ..blender import frame_stepping, provenance, removal, scene_data
 from ..blender.operator import Reporting, Stepwise
-from ..characters.cast_provenance import reading
+from ..characters.cast_provenance import reading, reading_afresh
 from ..characters.group_measuring import measuring_groups
 from ..characters.stored_groups import groups_of, store_groups
 from ..lod_meshes.make_lods import make_levels
