@@ -7,7 +7,6 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
-from ..blender.object_volumes import ALONG, ONWARD, is_closed
 from ..blender.ownership import OWNED
 
 HEAD = 1.0  # meters above the feet, from which the ground below is sought
@@ -16,6 +15,8 @@ ROOM = 2.0
 STEEP = 0.3  # least z of the normal of a surface that is ground
 MOST_SHAPES = 20_000  # that are looked at
 MOST_HITS = 1000  # surfaces along a ray
+ALONG = Vector((0.1737, 0.0931, 0.9804))  # direction of rays: along no edge or face of a model
+ONWARD = 1e-6  # part of the mesh's size by which a ray goes on behind a surface that it met
 
 
 @dataclass
@@ -131,8 +132,15 @@ def shapes_near(
             continue
         key = item.data.as_pointer()
         if key not in solids:
-            solids[key] = is_closed(item.data)
+            solids[key] = _is_closed(item.data)
         yield Shape(item, owner, item.original.name, matrix, box, solids[key])
+
+
+def _is_closed(mesh: bpy.types.Mesh) -> bool:
+    """Return whether each edge of the mesh is between two faces, so that it has an inside."""
+    edges = np.empty(len(mesh.loops), np.int32)
+    mesh.loops.foreach_get("edge_index", edges)
+    return len(edges) > 0 and bool((np.bincount(edges, minlength=len(mesh.edges)) == 2).all())
 
 
 def _hits(shape: Shape, start: Vector, way: Vector) -> Iterator[tuple[Vector, Vector]]:
