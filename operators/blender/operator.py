@@ -10,6 +10,7 @@ from ...crowd_lod.errors import FAULTS, sentence
 from ...crowd_lod.progress import finished
 from ...crowd_lod.time_left import TimeLeft
 from . import looking
+from .frame_stepping import is_stepped
 from .labeled_properties import CONTEXT
 from .steps import Slices, Step, at_work, leave_edit_mode
 
@@ -169,7 +170,8 @@ class Stepwise(Reporting):
         self._shown = now
         slices = self._step.slices
         left = self._left.words(slices.progress, now - self._started)
-        frame = f", renders frame {slices.scene.frame_current}" if self.renders else ""
+        scene = slices.scene
+        frame = f", at frame {scene.frame_current}" if is_stepped(scene) else ""
         done = f"{self.bl_label}: {slices.progress:.0%}{left}{frame}"
         self._step.show(f"{done}. You can look around; Esc cancels")
 

@@ -151,9 +151,7 @@ class CROWDLOD_PT_plan_output(Step, bpy.types.Panel):
         column.prop(frames, "frame_start")
         column.prop(frames, "frame_end")
         layout.prop(settings, "frames")
-        row = layout.row(align=True)
-        row.prop(settings, "output_folder")
-        row.operator("crowd_lod.open_report", text="", icon="URL").which = "ALL"
+        layout.prop(settings, "output_folder")
         layout.prop(settings, "shot_plan")
 
 

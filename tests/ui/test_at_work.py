@@ -33,7 +33,7 @@ def test_playback_stops(seen):
 
 def test_the_viewport_shows_one_crowd_while_a_proof_renders(seen):
     proof = seen["proof"]
-    assert proof["drawn"] == 0 and proof["back"] and "renders frame" in proof["status"]
+    assert proof["drawn"] == 0 and proof["back"] and "at frame" in proof["status"]
 
 
 def test_what_scripts_do_ends_the_step_at_most(seen):
