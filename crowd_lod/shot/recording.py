@@ -12,7 +12,7 @@ from ..animation.phase_classes import Library, Roles
 from ..culling.radar import RadarOptions, radar
 from ..errors import CrowdError
 from ..frame.frame import Frame
-from ..progress import breath
+from ..progress import breath, starting_threads
 from .blur import blur_of
 from .cells import Cells
 from .neighbors import close_pairs
@@ -189,7 +189,8 @@ class Recorder:
         frame before.
         """
         self.finish()
-        self._last = self._pool.submit(self.recording.add, *about)
+        with starting_threads():
+            self._last = self._pool.submit(self.recording.add, *about)
 
     def finish(self) -> None:
         """Wait for the last frame."""

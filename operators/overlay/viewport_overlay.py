@@ -12,7 +12,6 @@ from ...crowd_lod.behavior.walk import stray_places
 from ...crowd_lod.frame.agent_under_cursor import Account, account
 from ...crowd_lod.frame.frame import Frame
 from ..blender import scene_cache, scene_data, sidebars, steps
-from ..blender.frame_stepping import is_stepped
 from ..blender.guard import guard
 from ..blender.image_data import LOOK_AGAIN
 from . import (
@@ -203,14 +202,13 @@ def follow(context) -> Display:
 
 
 def _stays(scene: bpy.types.Scene, display: Display | None) -> bool:
-    """Return whether the viewport shows what it did: a step is at work, and the user in the frame.
+    """Return whether the viewport shows what it did, as a step is at work.
 
-    Steps go through frames, and change data, only for a while.
+    Steps go through frames, and change data, only for a while. Who looks around with the
+    viewport's own camera is followed.
     """
-    if not steps.at_work() or display is None or display.frame is None:
-        return False
-    stays_there = is_stepped(scene) or display.frame.time == scene_data.time_of(scene)
-    return stays_there and scene.crowd_lod.overlay_camera != "VIEWPORT"
+    is_shown = display is not None and display.frame is not None
+    return bool(steps.at_work()) and is_shown and scene.crowd_lod.overlay_camera != "VIEWPORT"
 
 
 @guard(failed=WATCH)

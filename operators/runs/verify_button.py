@@ -68,13 +68,14 @@ class CROWDLOD_OT_verify(Stepwise, bpy.types.Operator):
             width=settings.verify_width,
             samples=settings.verify_samples,
         )
+        build = _build_of(scene)
         result = yield from verify(scene, task, ["sidebar"])
         if result["agents"]:
             worst = result["agents"][worst_agents(result["agents"])[0]]
             _show_agents(task.folder / f"frame_{worst['frame']:04d}_agents.png")
         sentence = f"{verdict(result)} The report is in {place_of(task.folder)}."
         scene_cache.tidy()
-        _verdicts[scene.session_uid] = sentence, _build_of(scene)
+        _verdicts[scene.session_uid] = sentence, build
         if not result["ok"]:
             raise CrowdError(sentence)  # the report stays
         return sentence

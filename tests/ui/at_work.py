@@ -140,6 +140,7 @@ def looks():
     for kind in LOOKS:
         earlier = view()
         yield from strike(kind)
+        yield from robot.until(lambda: view() != earlier, limit=10.0)
         moved[kind] = view() != earlier
     same = state() == before
     yield from end()
@@ -270,6 +271,8 @@ def scripts():
             bpy.ops.wm.open_mainfile(filepath=path)
             yield 1.0
             robot.window().scene = bpy.data.scenes[home]
+            with robot.over():
+                bpy.ops.ed.undo_push(message="Before the step")
             yield from begin(name)
             if act == "a step's scene":
                 yield from robot.until(
