@@ -1,7 +1,7 @@
 """Where agents stand in the scene: above or below its ground, within its walls."""
 
 from collections.abc import Container, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import bpy
 import numpy as np
@@ -26,17 +26,12 @@ class Around:
     ground: (n,) world z of the ground under a place, or over it where there is none below; NaN
         without any.
     names: the object that is the ground of each place; "" without any, and within a wall.
-    walls: name of a closed object -> the places within it, (n,) bool.
+    walls: the closed object that each place is within; "" for none.
     """
 
     ground: np.ndarray
     names: list[str]
-    walls: dict[str, np.ndarray] = field(default_factory=dict)
-
-    @property
-    def within(self) -> np.ndarray:
-        """(n,) bool, which places are within a closed object."""
-        return np.any([np.zeros(len(self.ground), bool), *self.walls.values()], axis=0)
+    walls: list[str]
 
 
 @dataclass
@@ -70,7 +65,7 @@ def look_around(
     below = np.full(len(places), -np.inf)
     above = np.full(len(places), np.inf)
     names = [["", ""] for _ in places]
-    around = Around(np.full(len(places), np.nan), [])
+    walls = [""] * len(places)
     for shape in shapes_near(depsgraph, places, left_out):
         low = shape.box.min(axis=0)
         high = shape.box.max(axis=0)
@@ -87,15 +82,15 @@ def look_around(
                 names[index][1] = shape.name
         if shape.solid:
             inside = _inside(shape, places + (0, 0, height), under)
-            if inside.any() and (len(places) == 1 or not inside.all()):  # all in one are in a hall
-                around.walls[shape.name] = inside | around.walls.get(shape.name, False)
+            if len(places) == 1 or not inside.all():  # all in one are in a hall
+                for index in np.flatnonzero(inside):
+                    walls[index] = shape.name
     is_below = np.isfinite(below)
-    around.ground = np.where(is_below, below, np.where(np.isfinite(above), above, np.nan))
-    around.names = [
-        "" if stands_within else pair[0] or pair[1]
-        for pair, stands_within in zip(names, around.within, strict=True)
-    ]
-    return around
+    return Around(
+        np.where(is_below, below, np.where(np.isfinite(above), above, np.nan)),
+        ["" if wall else pair[0] or pair[1] for pair, wall in zip(names, walls, strict=True)],
+        walls,
+    )
 
 
 def shapes_near(
