@@ -194,9 +194,10 @@ def _check_titles(
     if not row:
         raise CrowdError(f"The file {where} has no rows: choose a file of trajectories.")
     if not titles:
+        begin = row.expandtabs(2)[:60]
         raise CrowdError(
-            f'The table {where} has no titles and begins with "{row[:60]}": set Columns to what '
-            f"its columns are, such as frame,id,x,y."
+            f'The table {where} has no titles and begins with "{begin}": set Columns to what its '
+            f"columns are, such as frame,id,x,y."
         )
     values = _split(row)
     if max(columns[name] for name in columns.keys() & {"id", "frame", "time", "x", "y"}) >= len(
