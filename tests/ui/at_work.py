@@ -140,7 +140,7 @@ def looks():
     for kind in LOOKS:
         earlier = view()
         yield from strike(kind)
-        yield from robot.until(lambda: view() != earlier, limit=10.0)
+        yield from robot.until(lambda seen=earlier: view() != seen, limit=10.0)
         moved[kind] = view() != earlier
     same = state() == before
     yield from end()
