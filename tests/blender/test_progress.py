@@ -76,7 +76,7 @@ def test_populate_looks_ahead_by_steps(levelled):
     levelled.crowd_lod.count = 100_000
     levelled.crowd_lod.machine = bpy.data.texts.new("fast")
     levelled.crowd_lod.machine.from_string(FAST)
-    steps = CROWDLOD_OT_populate.steps(SimpleNamespace(report=print), bpy.context)
+    steps = CROWDLOD_OT_populate.work(SimpleNamespace(report=print), levelled)
     told = [next(steps)]
     while told[-1] < 1 or len(told) < 2 or told[-2] < 1:
         told.append(next(steps))

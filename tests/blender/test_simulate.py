@@ -175,7 +175,7 @@ def test_people_walk_around_the_meshes_of_a_collection(hall, tmp_path):
 def test_esc_leaves_the_scene_and_the_folder_as_they_were(hall, tmp_path):
     from crowd_lod_extension.operators.sources.simulate import CROWDLOD_OT_simulate
 
-    steps = CROWDLOD_OT_simulate.steps(type("Own", (), {"crowd": 0}), bpy.context)
+    steps = CROWDLOD_OT_simulate.work(type("Own", (), {"crowd": 0}), bpy.context.scene)
     for _ in range(20):
         next(steps)
     steps.close()

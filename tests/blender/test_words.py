@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd.machine_edits import add_state
 from crowd_lod_extension.crowd_lod.crowd.state_machine import preset_text
-from crowd_lod_extension.operators.blender.operator import at_work
+from crowd_lod_extension.operators.blender import steps as work
 from crowd_lod_extension.operators.lod_meshes.made_for import Forecast
 from crowd_lod_extension.operators.machine.machine_editor import change, draft_of, problem_of
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
@@ -53,7 +53,7 @@ def test_a_character_of_another_name_asks_for_populate_and_then_for_its_lods(lev
 def test_the_sidebar_keeps_its_answers_while_a_step_is_at_work(levelled, monkeypatch):
     answers = steps.next_operator(levelled), steps.messages(levelled), steps.news_of_lods(levelled)
     with monkeypatch.context() as context:
-        context.setitem(at_work, "crowd_lod.build", 0.5)
+        context.setattr(work, "_at_work", ["a step"])
         levelled.crowd_lod.characters.children[0].name = "renamed"
         levelled.crowd_lod.method = "POSE_AWARE"
         assert answers == (
