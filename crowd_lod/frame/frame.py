@@ -17,7 +17,7 @@ from ..sorting.buckets import Buckets
 from ..sources.trajectory import Trajectory
 from .index_cache import cache_of
 from .request import Moment, Request, moments
-from .stages import Sorter, Task, sorted_by_level
+from .stages import Task, sorted_by_level
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,11 +162,8 @@ def plan(
     )
 
 
-def plan_of(trajectory: Trajectory, request: Request, sorter: Sorter | None = None) -> Frame:
-    """Return the frame that is asked for: a pure function of `trajectory` and `request`.
-
-    sorter: makes the buckets where it can (stages.sorted_by_level).
-    """
+def plan_of(trajectory: Trajectory, request: Request) -> Frame:
+    """Return the frame that is asked for: a pure function of `trajectory` and `request`."""
     ticks = [clock.perf_counter()]
     crowd = trajectory.at(request.time)
     ticks.append(clock.perf_counter())
@@ -188,7 +185,7 @@ def plan_of(trajectory: Trajectory, request: Request, sorter: Sorter | None = No
             trajectory.spheres.radius,
             deviations(trajectory.groups, request.policy),
         )
-        outcome = _outcome(Task(trajectory, request, crowd, views, begins, ticks), sorter)
+        outcome = _outcome(Task(trajectory, request, crowd, views, begins, ticks))
         cache_of(trajectory).memo = None if inputs is None else (*inputs, outcome)
     requested = {field.name: getattr(request, field.name) for field in fields(Request)}
     return Frame(
@@ -230,10 +227,10 @@ def _values(cameras: Sequence[Camera]) -> list[tuple]:
     ]
 
 
-def _outcome(task: Task, sorter: Sorter | None) -> Outcome:
+def _outcome(task: Task) -> Outcome:
     """Return who is seen, and what that costs."""
     groups = task.trajectory.groups
-    result = sorted_by_level(task, sorter)
+    result = sorted_by_level(task)
     buckets = result.buckets
     present = task.crowd.present
     if present is not None:

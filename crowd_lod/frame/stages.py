@@ -1,10 +1,6 @@
-"""Culling, LODs and sorting of one frame: blocks of agents first, then each agent left open.
-
-A `Sorter`, such as the GPU, may do the same in place of this.
-"""
+"""Culling, LODs and sorting of one frame: blocks of agents first, then each agent left open."""
 
 import time as clock
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,35 +8,13 @@ import numpy as np
 from ..crowd.agents import Crowd
 from ..crowd.leave_outs import BLOCKS, LeftOut
 from ..culling.blocks import CULLED, LEAF, BlockDecisions, Blocks, decide
-from ..culling.camera import Camera
 from ..culling.frustum_box_test import Look
 from ..culling.radar import RadarOptions, lost, radar, refuse_lost
-from ..levels.assignment import LevelPolicy, assign
+from ..levels.assignment import assign
 from ..sorting.buckets import Buckets, sort, sort_blocks, sort_in_order
 from ..sources.trajectory import Trajectory
 from .index_cache import blocks_at, displacement_of
 from .request import Moment, Request
-
-
-@dataclass(frozen=True)
-class Unsorted:
-    """The input of a `Sorter`.
-
-    order: (n,) int32, agent indices; None for agent order.
-    begins: (G, n - 1) meters, where LODs begin.
-    """
-
-    crowd: Crowd
-    order: np.ndarray | None
-    camera: Camera
-    policy: LevelPolicy
-    begins: np.ndarray
-
-
-# Another way to cull, give LODs and sort, of the same agents and LODs. It returns (places (m,)
-# int32, offsets (n + 1,) intp): where in the order the visible agents of LOD k stand is
-# places[offsets[k]:offsets[k + 1]], rising. See operators/overlay/gpu_culling.py.
-Sorter = Callable[[Unsorted], tuple[np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True)
@@ -93,21 +67,9 @@ class Sorted:
     levels: np.ndarray | None = None
 
 
-def sorted_by_level(task: Task, sorter: Sorter | None) -> Sorted:
-    """Return the visible agents by LOD.
-
-    sorter: finds them if there is one camera, no panorama, and no shutter, bias or lens blur.
-    """
+def sorted_by_level(task: Task) -> Sorted:
+    """Return the visible agents by LOD."""
     dated_blocks = blocks_at(task.trajectory, task.request.time)
-    eyes = task.request.eyes
-    if (
-        sorter is not None
-        and len(task.moments) == len(eyes) == 1
-        and task.request.bias is None
-        and not eyes[0].turn
-        and eyes[0].kind != "PANO"
-    ):
-        return _elsewhere(task, dated_blocks and dated_blocks[1], sorter)
     if dated_blocks is not None and BLOCKS in task.trajectory.leave & task.trajectory.left_out:
         return _by_blocks(task, *dated_blocks)
     return _one_block(task, dated_blocks and dated_blocks[1])
@@ -191,24 +153,3 @@ def _radar(task: Task, agents: np.ndarray | None = None) -> tuple[np.ndarray, np
         crowd = trajectory.at(moment.time)
         visible |= radar(crowd, moment.eyes, center, moment.radius, unmeasured, agents)[0]
     return visible, distance
-
-
-def _elsewhere(task: Task, blocks: Blocks | None, sorter: Sorter) -> Sorted:
-    """Let the `sorter` do all three stages; all of its time counts as culling."""
-    crowd = task.crowd
-    dropped = 0 if blocks is not None and blocks.finite else task.lost()
-    order = None if blocks is None else blocks.order
-    places, offsets = sorter(
-        Unsorted(crowd, order, task.moments[0].eyes[0], task.request.policy, task.begins)
-    )
-    counted = None
-    if blocks is not None:
-        edges = [
-            np.searchsorted(places[a:b], blocks.groups)
-            for a, b in zip(offsets[:-1], offsets[1:], strict=True)
-        ]
-        counted = np.diff(edges, axis=1), np.diff(blocks.groups)
-    buckets = Buckets(places if order is None else order[places], offsets)
-    task.ticks.extend([clock.perf_counter()] * 3)
-    left = frozenset(item for item in task.trajectory.left_out if item.stage != "culling")
-    return Sorted(buckets, dropped, left, counted)

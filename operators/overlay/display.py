@@ -9,14 +9,14 @@ from ...crowd_lod.crowd.leave_outs import LeftOut
 from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.culling.occluders import Occluders
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.frame.frame import Frame
+from ...crowd_lod.frame.frame import Frame, plan_of
 from ...crowd_lod.frame.hidden import hide
 from ...crowd_lod.frame.hysteresis import hold_levels
 from ...crowd_lod.frame.request import Request
 from ...crowd_lod.levels.assignment import Bias, LevelPolicy
 from ...crowd_lod.shot.frame_errors import worst_error
 from ...crowd_lod.sources.trajectory import Trajectory
-from ..blender import scene_cache, scene_data
+from ..blender import scene_data
 from ..blender.cameras import read_cameras
 from ..blender.image_data import LOOK_AGAIN
 from ..blender.scenery import scenery_of
@@ -27,15 +27,13 @@ from ..scene.scene_occluders import occluders_of
 from ..scene.shot_exceptions import digest_of
 from ..scene.shot_reference import reference, use_of
 from ..sources.crowd_sources import inputs_of, live
-from . import agent_colors, gpu_culling
+from . import agent_colors
 from .appearance import cast_of, colors_of, drawing_of, missing_groups, style_of
 from .draw_data import Style
 from .gpu_batches import Batches, Cast
 from .inset import Above
 from .open_shutter import open_shutter, values_of
 from .viewport_camera import viewpoint
-
-_faster = scene_cache.add_cache(gpu_culling.Faster())
 
 
 @dataclass
@@ -209,7 +207,7 @@ def _plan_frame(settings, view: _View, trajectory: Trajectory, bias: Bias | None
     request = Request(
         time=view.time, eyes=view.eyes, policy=view.policy, shutter=view.shutter, bias=bias
     )
-    frame, _ = hide(_faster.plan_of(trajectory, request), view.occluders)
+    frame, _ = hide(plan_of(trajectory, request), view.occluders)
     return use.applied(replace(frame, left_out=(*frame.left_out, *view.refused)))
 
 
