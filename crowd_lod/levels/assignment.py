@@ -32,8 +32,6 @@ class LevelPolicy:
         than that, and the thresholds only count the LODs.
     group_thresholds: one entry per group: its own thresholds, or () if it has none.
     finest: for each group the finest LOD that it has; () if each has all.
-    hysteresis: for live use, the part of a distance by which a threshold must be passed (see
-        `hold`).
     drop_lost: leave out agents at NaN or infinity and count them. If False, they are an error.
     shading: with a tolerance, a LOD begins no nearer than where its shaded picture is within WITHIN
         (validation/shaded_pictures.py) of the character's.
@@ -46,7 +44,6 @@ class LevelPolicy:
     tolerance: float | None = None
     group_thresholds: tuple[tuple[float, ...], ...] = ()
     finest: tuple[int, ...] = ()
-    hysteresis: float = 0.0
     drop_lost: bool = False
     shading: bool = False
 
@@ -64,10 +61,6 @@ class LevelPolicy:
         if self.tolerance is not None and self.metric != "PIXELS":
             raise CrowdError(
                 f"A LOD tolerance in pixels needs the metric PIXELS, not {self.metric}."
-            )
-        if not 0 <= self.hysteresis < 1:
-            raise CrowdError(
-                f"The LOD hysteresis is {self.hysteresis}; it is a part of the distance, in [0, 1)."
             )
         if len(self.thresholds) >= MOST_LEVELS:
             raise CrowdError(
@@ -233,26 +226,6 @@ def assign(
             step = step[0]
         ids += (distance >= step).view(np.uint8)  # bools would be cast one by one
     return ids
-
-
-def hold(
-    previous: np.ndarray,
-    distance: np.ndarray,
-    limits: np.ndarray,
-    group: np.ndarray | None = None,
-    factor: np.ndarray | None = None,
-    width: float = 0.1,
-) -> np.ndarray:
-    """Return the LOD ids (n,) uint8 with hysteresis.
-
-    An agent keeps its id of `previous` (n,) until the distance has passed a limit by more than the
-    part `width` of it. The other arguments are those of `assign`.
-    It is causal, and a pure function of its arguments: for live use. A frame's plan knows no
-    earlier frame; a shot's plan looks ahead instead.
-    """
-    finest = assign(distance, limits * (1 + width), group, factor)
-    coarsest = assign(distance, limits * (1 - width), group, factor)
-    return np.clip(previous, finest, coarsest)
 
 
 @dataclass(frozen=True)

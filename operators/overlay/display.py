@@ -11,7 +11,6 @@ from ...crowd_lod.culling.occluders import Occluders
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame import Frame, plan_of
 from ...crowd_lod.frame.hidden import hide
-from ...crowd_lod.frame.hysteresis import hold_levels
 from ...crowd_lod.frame.request import Request
 from ...crowd_lod.levels.assignment import Bias, LevelPolicy
 from ...crowd_lod.shot.frame_errors import worst_error
@@ -99,7 +98,7 @@ def _view_of(context) -> _View:
     region = context.region.as_pointer() if settings.overlay_camera == "VIEWPORT" else None
     depsgraph = context.view_layer.depsgraph
     eyes = (viewpoint(context),) if region is not None else read_cameras(scene, depsgraph)
-    policy = replace(policy_of(settings), hysteresis=round(settings.hysteresis, 6))
+    policy = policy_of(settings)
     time = scene_data.time_of(scene)
     key: tuple = ()
     shutter: tuple = ()
@@ -120,7 +119,6 @@ def _view_of(context) -> _View:
         style,
         notes,
         settings.overlay_color,
-        round(settings.overlay_fade, 6),
         reference(settings),
         digest_of(settings),
         # parts that have not changed are the same occluders (blender/occluders.py)
@@ -181,9 +179,6 @@ def display_now(context, before: Display | None) -> Display:
             before.looked = looked
             return before
         frame = _plan_frame(context.scene.crowd_lod, view, trajectory, bias)
-        same_view = before is not None and before.frame_inputs[:1] == (view.region,)
-        if view.policy.hysteresis and same_view and same_crowd and frame.plan_row is None:
-            frame = hold_levels(frame, same_frame.levels)
         display = Display(
             crowd_inputs=crowd_inputs,
             frame_inputs=view.inputs,

@@ -366,24 +366,20 @@ class CROWDLOD_PT_overlay(Step, bpy.types.Panel):
 
     def body(self, context, layout, settings) -> None:
         column = active_column(layout, settings.overlay)
-        for name in ("overlay_camera", "overlay_mode", "overlay_color", "hud", "inset"):
+        for name in (
+            "overlay_camera",
+            "overlay_mode",
+            "overlay_color",
+            "overlay_culled",
+            "hud",
+            "inset",
+        ):
             column.prop(settings, name)
         row = column.row(align=True)
         row.prop(settings, "agent")
         row.operator("crowd_lod.inspect", text="", icon="EYEDROPPER")
-        row.popover("CROWDLOD_PT_agent", text="", icon="INFO")
         draw_edits(column)
         column.operator("crowd_lod.render_viewport", icon="RENDER_STILL")
-
-
-class CROWDLOD_PT_drawing(Step, bpy.types.Panel):
-    bl_label = "Advanced"
-    bl_parent_id = "CROWDLOD_PT_overlay"
-
-    def body(self, context, layout, settings) -> None:
-        column = active_column(layout, settings.overlay)
-        for name in ("overlay_culled", "overlay_fade", "hysteresis"):
-            column.prop(settings, name)
 
 
 CLASSES = (
@@ -403,5 +399,4 @@ CLASSES = (
     CROWDLOD_PT_own_thresholds,
     CROWDLOD_PT_decimation,
     CROWDLOD_PT_overlay,
-    CROWDLOD_PT_drawing,
 )

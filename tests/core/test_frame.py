@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.frame.agent_under_cursor import account
-from crowd_lod_extension.crowd_lod.frame.cross_fade import fades_of
 from crowd_lod_extension.crowd_lod.frame.frame import plan
-from crowd_lod_extension.crowd_lod.frame.hysteresis import hold_levels
 from crowd_lod_extension.crowd_lod.frame.reasons import reasons
 from crowd_lod_extension.crowd_lod.levels.assignment import Bias, LevelPolicy, assign
 
@@ -66,7 +64,7 @@ def test_two_eyes_and_a_painted_bias():
 @pytest.mark.parametrize("metric", ["AXIS", "RADIAL"])
 def test_distances_are_found_when_asked_for_and_once(metric):
     trajectory = shot()
-    policy = LevelPolicy((0.3, 0.6), metric, hysteresis=0.1)
+    policy = LevelPolicy((0.3, 0.6), metric)
     eyes = straight(offset=(-5, 0, 0)), straight(offset=(5, 0, 0))
     frame = plan(
         trajectory, eyes, policy, 10, bias=Bias(np.full((2, 2), 0.6), trajectory.world.area)
@@ -82,7 +80,7 @@ def test_distances_are_found_when_asked_for_and_once(metric):
     )
     found = frame.distances
     assert found == pytest.approx(expected) and frame.depths == pytest.approx(away[0] @ eyes[0].Z)
-    reasons(frame), fades_of(frame), hold_levels(frame, frame.levels), account(frame, 5)
+    reasons(frame), account(frame, 5)
     assert frame.distances is found
     assert (assign(found, frame.begins, frame.crowd.group, frame.factors) == frame.levels).all()
 

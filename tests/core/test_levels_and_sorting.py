@@ -13,7 +13,6 @@ from crowd_lod_extension.crowd_lod.levels.assignment import (
     Bias,
     LevelPolicy,
     assign,
-    hold,
     limits,
     pushed,
 )
@@ -121,7 +120,6 @@ def test_a_tolerance_bounds_the_error_in_pixels():
         {"thresholds": (-1.0,), "metric": "PIXELS"},
         {"tolerance": 0.0, "metric": "PIXELS"},
         {"tolerance": 1.0},
-        {"hysteresis": 1.0},
         {"group_thresholds": ((0.1, 0.2),)},
         {"group_thresholds": ((), (0.7, 0.7))},
     ],
@@ -144,20 +142,6 @@ def test_painted_bias_scales_the_distance():
     ]
     with pytest.raises(CrowdError, match="0 to 1"):
         Bias(np.array([[1.5]]), Area(0, 0, 1, 1))
-
-
-def test_hysteresis_holds_within_the_band_and_only_there():
-    edges = np.array([10.0, 20.0])
-    walk = np.array([5, 9.5, 10.5, 11.1, 10.5, 9.5, 8.9, 30, 18.5, 17.9])
-    ids = np.zeros(1, np.uint8)
-    held = []
-    for distance in walk:
-        ids = hold(ids, np.array([distance]), edges, width=0.1)
-        held.append(int(ids[0]))
-    assert held == [0, 0, 0, 1, 1, 1, 0, 2, 2, 1]
-    distance = np.random.default_rng(0).uniform(0, 40, 500)
-    previous = np.random.default_rng(1).integers(3, size=500).astype(np.uint8)
-    assert (hold(previous, distance, edges, width=0.0) == assign(distance, edges)).all()
 
 
 def test_ids_differ_from_exact_arithmetic_within_the_stated_bound_only():
