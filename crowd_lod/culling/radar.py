@@ -6,8 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..crowd.agents import Crowd
-from ..errors import CrowdError
-from ..format import counted
 from .camera import Camera
 from .frustum import Frustum, dot, frustum_of, reach_of, spheres_in_cone, spheres_inside
 
@@ -121,14 +119,3 @@ def lost(crowd: Crowd) -> np.ndarray:
         if np.isfinite(sum(column.sum() for column in columns)):
             return np.empty(0, np.intp)
     return np.flatnonzero(~np.logical_and.reduce([np.isfinite(column) for column in columns]))
-
-
-def refuse_lost(agents: np.ndarray, count: int) -> None:
-    """Raise CrowdError if there are `agents` (m,), from `lost`; count: all agents."""
-    if len(agents):
-        raise CrowdError(
-            f"{len(agents):,} of {counted(count, 'agent')} "
-            f"{'stands' if len(agents) == 1 else 'stand'} at NaN or infinity, the first is "
-            f"agent {agents[0]}: fix the points or the map that they come from, or turn on Drop "
-            f"Lost Agents."
-        )

@@ -9,7 +9,7 @@ from ..crowd.agents import Crowd
 from ..crowd.leave_outs import BLOCKS, LeftOut
 from ..culling.blocks import CULLED, LEAF, BlockDecisions, Blocks, decide
 from ..culling.frustum_box_test import Look
-from ..culling.radar import RadarOptions, lost, radar, refuse_lost
+from ..culling.radar import RadarOptions, lost, radar
 from ..levels.assignment import assign
 from ..sorting.buckets import Buckets, sort, sort_blocks, sort_in_order
 from ..sources.trajectory import Trajectory
@@ -38,16 +38,6 @@ class Task:
         """Return the bias of the distance of `agents`, (m,) float64, or None."""
         bias = self.request.bias
         return None if bias is None else bias.at(self.crowd.x[agents], self.crowd.y[agents])
-
-    def lost(self) -> int:
-        """Return how many agents are dropped at NaN or infinity.
-
-        Raises CrowdError if the policy does not allow any.
-        """
-        agents = lost(self.crowd)
-        if not self.request.policy.drop_lost:
-            refuse_lost(agents, len(self.crowd))
-        return len(agents)
 
 
 @dataclass(frozen=True)
@@ -81,7 +71,7 @@ def _one_block(task: Task, blocks: Blocks | None) -> Sorted:
     For small crowds, whose blocks would cost more than they save, and where BLOCKS is not left out.
     blocks: those of the crowd, if it has any: they give the order of the agents.
     """
-    dropped = task.lost()
+    dropped = len(lost(task.crowd))
     visible, distance = _radar(task)
     task.ticks.append(clock.perf_counter())
     levels = assign(distance, task.begins, task.crowd.group, task.factors())
@@ -102,7 +92,7 @@ def _by_blocks(task: Task, since: int, blocks: Blocks) -> Sorted:
     since: the frame when the blocks were made.
     """
     group = task.crowd.group
-    dropped = 0 if blocks.finite else task.lost()
+    dropped = 0 if blocks.finite else len(lost(task.crowd))
     decided, places = _decide_blocks(task, since, blocks)
     agents = blocks.rows[decided.open_blocks[places // LEAF], places % LEAF]
     visible, distance = _radar(task, agents)

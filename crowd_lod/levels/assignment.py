@@ -32,7 +32,6 @@ class LevelPolicy:
         than that, and the thresholds only count the LODs.
     group_thresholds: one entry per group: its own thresholds, or () if it has none.
     finest: for each group the finest LOD that it has; () if each has all.
-    drop_lost: leave out agents at NaN or infinity and count them. If False, they are an error.
     shading: with a tolerance, a LOD begins no nearer than where its shaded picture is within WITHIN
         (validation/shaded_pictures.py) of the character's.
     CrowdError names the value that is wrong.
@@ -44,7 +43,6 @@ class LevelPolicy:
     tolerance: float | None = None
     group_thresholds: tuple[tuple[float, ...], ...] = ()
     finest: tuple[int, ...] = ()
-    drop_lost: bool = False
     shading: bool = False
 
     def __post_init__(self) -> None:

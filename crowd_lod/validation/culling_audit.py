@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..crowd.agents import Crowd
-from ..culling.camera import Camera, crop, referential, window
+from ..culling.camera import Camera, referential, window
 from ..culling.frustum import ROUNDING
 from ..culling.radar import radar
 from .exact_frustum import depth_error, find_visible, gap, scatter
@@ -113,7 +113,7 @@ def judge_culling(
 def random_camera(random: np.random.Generator, lens: str) -> Camera:
     """Return a camera with the lens `lens` of LENSES at a random place and rotation.
 
-    Some cameras are mirrored; one in five has a render border.
+    Some cameras are mirrored.
     """
     kind, (low, high), shift = LENSES[lens]
     matrix = np.eye(4)
@@ -128,7 +128,7 @@ def random_camera(random: np.random.Generator, lens: str) -> Camera:
     shifts = tuple(random.uniform(-shift, shift, 2))
     shape = window(10.0 ** random.uniform(low, high), fit, pixels, aspect, shifts)
     near = 10.0 ** random.uniform(-2, 0)
-    camera = Camera(
+    return Camera(
         kind,
         *referential(matrix),
         shape,
@@ -137,10 +137,6 @@ def random_camera(random: np.random.Generator, lens: str) -> Camera:
         pixels,
         rays=lens.endswith("Cycles"),
     )
-    if random.random() < 0.2:
-        left, bottom = random.uniform(0, 0.8, 2)
-        camera = crop(camera, left, left + 0.2, bottom, bottom + 0.2)
-    return camera
 
 
 def audit(lens: str, pairs: int, seed: int = 0, on_planes: float = 0.0) -> Verdict:

@@ -90,7 +90,6 @@ def policy_of(settings, choice: str = "") -> LevelPolicy:
         if tolerant and settings.memory_tolerance
         else (),
         margin=settings.margin if settings.margin_kind == "FIXED" else None,
-        drop_lost=settings.drop_lost,
         shading=tolerant and settings.shading_counts,
     )
 

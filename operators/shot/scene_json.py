@@ -129,7 +129,6 @@ def _levels_of(stage: bpy.types.Scene, characters: list[dict]) -> dict[str, Any]
         else None,
         "thresholds": list(policy.thresholds) if policy.tolerance is None else None,
         "group_thresholds": [list(own) for own in policy.group_thresholds],
-        "drop_lost": policy.drop_lost,
         "tints": TINTS[: policy.count],
         "characters": characters,
         "dropped": settings.dropped.splitlines(),

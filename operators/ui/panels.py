@@ -236,9 +236,6 @@ class CROWDLOD_PT_culling(Step, bpy.types.Panel):
         active_column(layout, settings.margin_kind == "FIXED").prop(
             settings, "margin", text="Distance", translate=False
         )
-        wide(active_column(layout, context.scene.render.use_border), settings, "cull_to_border")
-        wide(layout, settings, "drop_lost")
-        active_column(layout, settings.shadows).prop(settings, "unseen_level")
         wide(layout, settings, "occlusion")
         active_column(layout, settings.occlusion).prop(settings, "see_through")
 

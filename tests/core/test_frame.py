@@ -2,7 +2,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.frame.agent_under_cursor import account
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.frame.reasons import reasons
@@ -85,12 +84,10 @@ def test_distances_are_found_when_asked_for_and_once(metric):
     assert (assign(found, frame.begins, frame.crowd.group, frame.factors) == frame.levels).all()
 
 
-def test_lost_agents_stop_the_plan_or_are_dropped_and_counted():
+def test_lost_agents_are_left_out_and_counted():
     trajectory = shot()
     x = trajectory.start.x.copy()
     x[[5, 8]] = np.nan
     lost = replace(trajectory, start=replace(trajectory.start, x=x))
-    with pytest.raises(CrowdError, match="2 of 3,000 agents .* agent 5"):
-        plan(lost, straight(), LevelPolicy(()), 1)
-    frame = plan(lost, straight(), LevelPolicy((), drop_lost=True), 1)
+    frame = plan(lost, straight(), LevelPolicy(()), 1)
     assert frame.dropped == 2 and not frame.visible[[5, 8]].any() and frame.visible.any()

@@ -51,11 +51,6 @@ def test_the_overlay_shows_what_the_plan_plans(scene):
     render.use_multiview = True
     scene.camera.data.stereo.interocular_distance = 8.0
     assert assert_as_planned(scene).visible.sum() > alone
-    render.use_multiview = False
-    render.use_border = True
-    render.border_max_x = 0.3
-    settings.cull_to_border = True
-    assert assert_as_planned(scene).visible.sum() < alone
 
 
 def test_an_open_shutter_is_read_outside_the_drawing_and_then_shown(scene, monkeypatch):
