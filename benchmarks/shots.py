@@ -67,7 +67,7 @@ GROUPS = tuple(
         ("heavy", 0.9, 1.024, 1.4, HEAVY),
     )
 )
-POLICY = LevelPolicy((0.0,) * 5, "PIXELS", tolerance=TOLERANCE)
+POLICY = LevelPolicy((0.0,) * 5, tolerance=TOLERANCE)
 
 
 def aimed(

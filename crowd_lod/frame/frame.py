@@ -110,13 +110,12 @@ class Frame(Request, Outcome):
     @cached_property
     def distances(self) -> np.ndarray:
         """(n,) float64 meters, from which LODs follow: those of `radar`."""
-        return self._measure(self.eyes, self.policy.metric == "RADIAL")
+        return self._measure(self.eyes)
 
     @cached_property
     def depths(self) -> np.ndarray:
         """(n,) float64 meters along the first camera's view; of a panoramic camera, from it."""
-        same = len(self.eyes) == 1 and self.policy.metric != "RADIAL"
-        return self.distances if same else self._measure(self.eyes[:1], False)
+        return self.distances if len(self.eyes) == 1 else self._measure(self.eyes[:1])
 
     @cached_property
     def factors(self) -> np.ndarray | None:
@@ -134,11 +133,9 @@ class Frame(Request, Outcome):
         """(m,) float32 in [0, 1): the places of `agents` (m,) in their action's cycle."""
         return self.trajectory.phase(self.crowd, self.time, agents)
 
-    def _measure(self, eyes: tuple[Camera, ...], radial: bool) -> np.ndarray:
+    def _measure(self, eyes: tuple[Camera, ...]) -> np.ndarray:
         spheres = self.trajectory.spheres
-        return radar(
-            self.crowd, eyes, spheres.center, spheres.reach, RadarOptions(None, radial, cull=False)
-        )[1]
+        return radar(self.crowd, eyes, spheres.center, spheres.reach, RadarOptions(cull=False))[1]
 
 
 def plan(

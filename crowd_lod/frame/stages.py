@@ -124,7 +124,7 @@ def _decide_blocks(task: Task, since: int, blocks: Blocks) -> tuple[BlockDecisio
         for moment in task.moments
     ]
     limits = task.begins if task.request.bias is None else None
-    return decide(blocks, task.crowd, views, limits, policy.margin, policy.metric == "RADIAL")
+    return decide(blocks, task.crowd, views, limits, policy.margin)
 
 
 def _radar(task: Task, agents: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
@@ -136,9 +136,9 @@ def _radar(task: Task, agents: np.ndarray | None = None) -> tuple[np.ndarray, np
     policy = task.request.policy
     center = trajectory.spheres.center
     now, *shutter = task.moments
-    options = RadarOptions(policy.margin, policy.metric == "RADIAL")
+    options = RadarOptions(policy.margin)
     visible, distance = radar(task.crowd, now.eyes, center, now.radius, options, agents)
-    unmeasured = replace(options, radial=False, measure=False)
+    unmeasured = replace(options, measure=False)
     for moment in shutter:
         crowd = trajectory.at(moment.time)
         visible |= radar(crowd, moment.eyes, center, moment.radius, unmeasured, agents)[0]

@@ -295,9 +295,6 @@ class CROWDLOD_PT_levels(Step, bpy.types.Panel):
             if level == 0:
                 label(row, "near")
                 label(row, "")
-            elif settings.metric == "PIXELS":
-                row.prop(settings, "sizes", index=level - 1, text="")
-                label(row, "pixels")
             else:
                 row.prop(settings, "thresholds", index=level - 1, text="")
                 label(row, length(context, far * settings.thresholds[level - 1]) if far else "?")
@@ -332,12 +329,7 @@ class CROWDLOD_PT_own_thresholds(Step, bpy.types.Panel):
             row = layout.row(align=True)
             row.active = group.own_thresholds
             for level in range(settings.level_count - 1):
-                row.prop(
-                    group,
-                    "sizes" if settings.metric == "PIXELS" else "thresholds",
-                    index=level,
-                    text="",
-                )
+                row.prop(group, "thresholds", index=level, text="")
 
 
 class CROWDLOD_PT_decimation(Step, bpy.types.Panel):
@@ -345,7 +337,6 @@ class CROWDLOD_PT_decimation(Step, bpy.types.Panel):
     bl_parent_id = "CROWDLOD_PT_levels"
 
     def body(self, context, layout, settings) -> None:
-        active_column(layout, settings.choice == "BY_RATIO").prop(settings, "metric")
         layout.prop(settings, "method")
         active_column(layout, settings.choice == "BY_TOLERANCE").prop(settings, "shading_counts")
         wide(layout, settings, "hidden_surface_counts")

@@ -279,7 +279,7 @@ def test_a_shot_plan_and_its_export_are_alike_in_every_unit(scaled, tmp_path):
         characters = scene.crowd_lod.characters
         characters.children.unlink(characters.children[0])
         assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
-        # by ratio: a search by tolerance may end with another LOD where the seventh digit differs
+        # by distance: a search by tolerance may end with another LOD where the seventh digit differs
         assert bpy.ops.crowd_lod.make_levels() == {"FINISHED"}
         scene.crowd_lod.choice = "BY_TOLERANCE"
         scene.crowd_lod.tolerance = 8.0

@@ -42,9 +42,7 @@ def one_by_one(trajectory, camera, policy, time, shutter=(), bias=None):
     center = trajectory.spheres.center
     radius = trajectory.spheres.radius
     crowd = trajectory.at(time)
-    visible, distance = radar(
-        crowd, eyes, center, radius, RadarOptions(policy.margin, policy.metric == "RADIAL")
-    )
+    visible, distance = radar(crowd, eyes, center, radius, RadarOptions(policy.margin))
     times = [sample for sample, _ in shutter]
     speed = np.hypot(*trajectory.machine.velocity.reshape(-1, 2).T).max()
     grown = radius + speed * max(np.diff(times), default=0.0) * trajectory.seconds_per_frame
@@ -154,17 +152,12 @@ def test_blocks_of_agents_on_planes_never_say_more_than_the_radar(lens):
         crowd = crowd_at(scatter(camera, radius, random, 0.5))
         group = replace(walker(), center=0.0, radius=float(radius[0]))
         margin = random.choice([None, 0.25])
-        radial = bool(random.integers(2))
         begin = limits(LevelPolicy((0.1, 0.5)), camera, radius[:1])
         order = blocks.fill_blocks(morton_order.order_of(crowd.x, crowd.y, crowd.group, AREA))
         found = blocks.blocks_of(crowd, order, spheres_of((group,)), AREA)
         look = blocks.Look(camera, np.zeros(3), np.zeros(3))
-        levels, places = in_order(
-            found, *blocks.decide(found, crowd, [[look]], begin, margin, radial)
-        )
-        visible, distance = radar(
-            crowd, camera, np.zeros(1), radius[:1], RadarOptions(margin, radial)
-        )
+        levels, places = in_order(found, *blocks.decide(found, crowd, [[look]], begin, margin))
+        visible, distance = radar(crowd, camera, np.zeros(1), radius[:1], RadarOptions(margin))
         right = np.where(visible, assign(distance, begin), blocks.CULLED)[found.order]
         assert np.delete(levels == right, places).all()
         decided += len(crowd) - len(places)

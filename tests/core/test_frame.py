@@ -60,10 +60,9 @@ def test_two_eyes_and_a_painted_bias():
     assert (finer.levels == 0).all() and both.levels.max() == 2  # 100 m count as 25
 
 
-@pytest.mark.parametrize("metric", ["AXIS", "RADIAL"])
-def test_distances_are_found_when_asked_for_and_once(metric):
+def test_distances_are_found_when_asked_for_and_once():
     trajectory = shot()
-    policy = LevelPolicy((0.3, 0.6), metric)
+    policy = LevelPolicy((0.3, 0.6))
     eyes = straight(offset=(-5, 0, 0)), straight(offset=(5, 0, 0))
     frame = plan(
         trajectory, eyes, policy, 10, bias=Bias(np.full((2, 2), 0.6), trajectory.world.area)
@@ -74,9 +73,7 @@ def test_distances_are_found_when_asked_for_and_once(metric):
         [frame.crowd.x, frame.crowd.y, frame.crowd.z + spheres.center[frame.crowd.group]], axis=1
     )
     away = [centers - eye.origin for eye in eyes]
-    expected = np.min(
-        [np.linalg.norm(v, axis=1) if metric == "RADIAL" else v @ eyes[0].Z for v in away], axis=0
-    )
+    expected = np.min([v @ eyes[0].Z for v in away], axis=0)
     found = frame.distances
     assert found == pytest.approx(expected) and frame.depths == pytest.approx(away[0] @ eyes[0].Z)
     reasons(frame), account(frame, 5)

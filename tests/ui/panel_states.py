@@ -248,7 +248,6 @@ DONE = {
     "camera removed": lambda: gone(scene().camera, bpy.data.objects),
     "objects removed": lambda: [bpy.data.objects.remove(item) for item in [*bpy.data.objects]],
     "choice unknown": lambda: unknown(settings(), "choice"),
-    "metric unknown": lambda: unknown(settings(), "metric"),
     "exceptions by unknown": lambda: [
         unknown(entry, "chosen_by") for entry in settings().exceptions
     ],
