@@ -51,8 +51,8 @@ def radar(
         panoramic camera keeps all within its clip range and its cone, also what its picture leaves
         out within the cone.
     distance: (n,) float64 meters from the camera to the sphere's center: v.Z along the view, or |v|
-        for panoramic cameras. With several cameras it is the least, so that all
-        show the finest LOD that one needs.
+        for panoramic cameras. With several cameras it is the least, so that all show the finest LOD
+        that one needs.
 
     Positions relative to the camera are computed in float64.
     """

@@ -1,7 +1,7 @@
 """The panels of the crowd and its LODs, a step of the work each. They only draw.
 
-Their height does not change while one works: figures, messages and the account of an agent are in
-popovers and in the viewport; what does not apply is grayed.
+Their height does not change while one works: figures and messages are in popovers and in the
+viewport; what does not apply is grayed.
 """
 
 from textwrap import shorten

@@ -3,13 +3,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from crowd_lod_extension.benchmarks.cull_audit import LENSES, audit, random_camera
 from crowd_lod_extension.crowd_lod.culling.radar import (
     BLOCK,
     RadarOptions,
     lost,
     radar,
 )
-from crowd_lod_extension.crowd_lod.validation.culling_audit import LENSES, audit, random_camera
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import find_visible, gap, scatter, sees
 from crowd_lod_extension.crowd_lod.validation.extreme_cases import table, table_text
 
