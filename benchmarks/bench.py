@@ -13,7 +13,7 @@ Prints the chapter's tables, and writes CSV, JSON and figure 1.6.
 ./crowd-lod bench --wardrobes                       parts that agents wear: wardrobes.py
 
 Test 1: milliseconds of each stage for 1 K to 1 M agents that walk, under a camera that moves,
-beside other ways to do the same (peers.py, loop.c, the GPU), each taken in turn in the same run.
+beside other ways to do the same (peers.py, loop.c), each taken in turn in the same run.
 Test 2: the plan from perspective A, which sees nearly all, and B, which sees nearly none, with LOD
 meshes of 2,500, 1,000 and 118 vertices; then the same drawn (drawn.py), with and without LODs, with
 and without culling. The whole frame: from behavior to points in Blender, beside geometry nodes

@@ -22,10 +22,9 @@ from crowd_lod_extension.crowd_lod.crowd.agents import Group, populate
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
-from crowd_lod_extension.crowd_lod.frame.frame import plan, plan_of
+from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.frame.index_cache import blocks_at
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy, limits
-from crowd_lod_extension.operators.overlay.gpu_culling import Planner
 from crowd_lod_extension.sample_scenes import plaza_map
 from matplotlib.image import imsave
 
@@ -34,7 +33,7 @@ from matplotlib.image import imsave
 SIZES = (2500, 1000, 118)
 PERSON = Group("person", 0.9, 1.0, 1.25, 1.0, SIZES, tuple(2 * n for n in SIZES))
 POLICY = LevelPolicy((0.1, 0.35))
-PEERS = ("naive", "six_planes", "geometry_nodes", "c_loop", "gpu")  # each does what the core does
+PEERS = ("naive", "six_planes", "geometry_nodes", "c_loop")  # each does what the core does
 # way to draw -> (with LODs, with culling)
 DRAWING_WAYS = {
     "": (True, True),
@@ -120,7 +119,6 @@ def measure_stages(agents: int, repeats: int, seed: int) -> dict:
             "sorting": stages["sorting"],
             "core": sum(stages.values()) - stages["behavior"],
         }
-        once |= rivals.plan_on_gpu(frame)
         peer_times, peer_counts = rivals.plan(view)
         once |= peer_times
         if "c_step" in once:
@@ -148,20 +146,10 @@ class _Peers:
         self.trajectory = trajectory
         self.begins = begins
         self.nodes = peers.Nodes(crowd, PERSON, begins)
-        self.planner = Planner(trajectory) if peers.has_gpu() else None
         self.c_cull = loop.library() and loop.Cull(crowd, PERSON, begins)
         self.c_step = loop.library() and loop.Step(
             crowd, trajectory.machine, trajectory.world, 1 / 24
         )
-
-    def plan_on_gpu(self, frame) -> dict[str, float]:
-        """Milliseconds of the GPU's plan of the core's `frame`, which must have the same order."""
-        if not self.planner:
-            return {}
-        same_frame = plan_of(self.trajectory, frame, self.planner)
-        assert same_frame.buckets.order.tobytes() == frame.buckets.order.tobytes()
-        stages = same_frame.milliseconds
-        return {"gpu": sum(stages.values()) - stages["behavior"]}
 
     def plan(self, view: Camera) -> tuple[dict[str, float], dict[str, list[int]]]:
         """Plan the start from `view`; return milliseconds, and agents a LOD, by peer's name."""

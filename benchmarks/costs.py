@@ -123,7 +123,7 @@ def pairs_of(rows: list[dict]) -> Iterator[tuple[dict, dict]]:
     for whole in rows:
         for lods in rows:
             same = (whole["agents"], whole["samples"]) == (lods["agents"], lods["samples"])
-            if same and (whole["way"], lods["way"]) == (EVERYONE, "by ratio"):
+            if same and (whole["way"], lods["way"]) == (EVERYONE, "by distance"):
                 yield whole, lods
 
 

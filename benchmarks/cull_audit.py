@@ -9,7 +9,7 @@ import sys
 import time
 
 import numpy as np
-from crowd_lod_extension.crowd_lod.culling.camera import Camera, crop, referential, window
+from crowd_lod_extension.crowd_lod.culling.camera import Camera, referential, window
 from crowd_lod_extension.crowd_lod.validation.culling_judge import Verdict, judge_culling
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import scatter
 from crowd_lod_extension.crowd_lod.validation.extreme_cases import table, table_text
@@ -32,7 +32,7 @@ AGENTS = 1000  # of each random camera
 def random_camera(random, lens):
     """Return a camera with the lens `lens` of LENSES at a random place and rotation.
 
-    Some cameras are mirrored; one in five has a render border.
+    Some cameras are mirrored.
     """
     kind, (low, high), shift = LENSES[lens]
     matrix = np.eye(4)
@@ -47,7 +47,7 @@ def random_camera(random, lens):
     shifts = tuple(random.uniform(-shift, shift, 2))
     shape = window(10.0 ** random.uniform(low, high), fit, pixels, aspect, shifts)
     near = 10.0 ** random.uniform(-2, 0)
-    camera = Camera(
+    return Camera(
         kind,
         *referential(matrix),
         shape,
@@ -56,10 +56,6 @@ def random_camera(random, lens):
         pixels,
         rays=lens.endswith("Cycles"),
     )
-    if random.random() < 0.2:
-        left, bottom = random.uniform(0, 0.8, 2)
-        camera = crop(camera, left, left + 0.2, bottom, bottom + 0.2)
-    return camera
 
 
 def audit(lens, pairs, on_planes=0.0):

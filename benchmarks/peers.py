@@ -50,7 +50,7 @@ def six_planes(crowd: Crowd, group: Group, camera: Camera, limits: np.ndarray) -
 
 @cache
 def has_gpu() -> bool:
-    """Whether compute shaders run here: before Blender 5.1 they need its window."""
+    """Whether shaders run here: before Blender 5.1 they need its window."""
     import gpu
 
     try:

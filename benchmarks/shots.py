@@ -29,7 +29,6 @@ from crowd_lod_extension.crowd_lod.levels.assignment import (
     LevelPolicy,
     assign,
     deviations,
-    hold,
     limits,
 )
 from crowd_lod_extension.crowd_lod.levels.cost_model import default_costs
@@ -68,7 +67,7 @@ GROUPS = tuple(
         ("heavy", 0.9, 1.024, 1.4, HEAVY),
     )
 )
-POLICY = LevelPolicy((0.0,) * 5, "PIXELS", tolerance=TOLERANCE)
+POLICY = LevelPolicy((0.0,) * 5, tolerance=TOLERANCE)
 
 
 def aimed(
@@ -171,6 +170,19 @@ def surveyed(
     return recording.make_survey(), films
 
 
+def hold(
+    previous: np.ndarray, distance: np.ndarray, limits: np.ndarray, group: np.ndarray, width: float
+) -> np.ndarray:
+    """LOD ids (n,) uint8 with causal hysteresis.
+
+    An agent keeps its id of `previous` (n,) until the distance has passed a limit by more than the
+    part `width` of it. The other arguments are those of `assign`.
+    """
+    finest = assign(distance, limits * (1 + width), group)
+    coarsest = assign(distance, limits * (1 - width), group)
+    return np.clip(previous, finest, coarsest)
+
+
 def held_levels(
     survey: Survey, films: Sequence[Camera], width: float, keeps: bool = False
 ) -> np.ndarray:
@@ -195,7 +207,7 @@ def held_levels(
             rows[f] = assign(distance, begins, group)
             if before is not None:
                 held_width = width / (1 + width) if keeps else width
-                with_hysteresis = hold(before, distance, begins, group, None, held_width)
+                with_hysteresis = hold(before, distance, begins, group, held_width)
                 rows[f] = np.where(joined[f], with_hysteresis, rows[f])
             before = rows[f]
     return levels

@@ -3,7 +3,7 @@
 ./crowd-lod bench --wardrobes
 
 The samples' adult wears bands of its own skin: SLOTS slots of VARIANTS variants, as many agents
-without as with each. LODs are by ratio. Seconds are of the processor.
+without as with each. LODs are by distance. Seconds are of the processor.
 """
 
 import time
@@ -44,7 +44,9 @@ def measure(slots: int) -> dict:
     memory = {}
     for engine in scene.render.engine, "CYCLES":
         scene.render.engine = engine
-        memory[engine] = finished(estimate(scene, settings, [10])).as_json["By Ratio"]["memory_mb"]
+        memory[engine] = finished(estimate(scene, settings, [10])).as_json["By Distance"][
+            "memory_mb"
+        ]
     eevee, cycles = memory.values()
     return {
         "parts": slots * VARIANTS,

@@ -8,12 +8,12 @@ everyone          every agent an instance of its full mesh, moved by the rig of 
                   the strongest rival
 camera cull       the same, by Cycles' camera culling (Simplify), ticked on the source objects
 geometry nodes    a tree that deletes the points outside the frustum and gives the others their LOD
-by ratio          the build, which plans the frame and writes its points while it is rendered; LODs
+by distance          the build, which plans the frame and writes its points while it is rendered; LODs
                   of set ratios and distances
 1 px              the same, LODs by tolerance
 1 px, baked       that, baked over the frames with --render-only: only what these show
 
-By ratio and 1 px are rendered with Crowd LOD; the others are files that need none, and hold the
+By distance and 1 px are rendered with Crowd LOD; the others are files that need none, and hold the
 points of FRAMES.
 """
 
@@ -49,10 +49,10 @@ EVERYONE = "everyone"
 CAMERA_CULL = "camera cull"
 NODES = "geometry nodes"
 BAKED = "1 px, baked"
-CROWD_LOD = ("by ratio", "1 px")
+CROWD_LOD = ("by distance", "1 px")
 WAYS = (NOBODY, EVERYONE, CAMERA_CULL, NODES, *CROWD_LOD, BAKED)
 # the build whose LODs a way has, if not full's
-BASES = {NODES: "by ratio", "by ratio": "by ratio", "1 px": "1 px", BAKED: "1 px"}
+BASES = {NODES: "by distance", "by distance": "by distance", "1 px": "1 px", BAKED: "1 px"}
 FRAMES = range(30, 33)  # that a baked file holds; the middle one is rendered
 CHOSEN_FOR = 10_000  # agents of the shot for which LODs by tolerance are chosen
 
@@ -81,7 +81,7 @@ def prepare(
     settings.thresholds[:2] = [meters / scene.camera.data.clip_end for meters in (15, 40)]
     for way, choice, count in (
         ("full", "BY_RATIO", 1),
-        ("by ratio", "BY_RATIO", 3),
+        ("by distance", "BY_RATIO", 3),
         ("1 px", "BY_TOLERANCE", 3),
     ):
         settings.choice = choice
@@ -126,7 +126,7 @@ def counts(
 ) -> dict:
     """Write files of the crowd, of nobody and of each of `sizes` agents.
 
-    Everyone at full detail, and, with `lods`, a bake with LODs by ratio. Returns a row of counts
+    Everyone at full detail, and, with `lods`, a bake with LODs by distance. Returns a row of counts
     for each (see crowd_lod/levels/cost_model.py).
     """
     crowd_lod_extension.register()
@@ -136,7 +136,7 @@ def counts(
     settings.choice = "BY_RATIO"
     store_groups(settings, measure_groups(scene))
     settings.thresholds[:2] = [meters / scene.camera.data.clip_end for meters in (8, 25)]
-    level_counts = {EVERYONE: 1} | ({"by ratio": 3} if lods else {})
+    level_counts = {EVERYONE: 1} | ({"by distance": 3} if lods else {})
     for way, settings.level_count in level_counts.items():
         _build(scene, way, Path(folder) / f"{way}.blend")
     for way, agents in [
@@ -175,7 +175,7 @@ def _counted(scene: bpy.types.Scene, way: str, agents: int) -> dict:
     works = finished(cost_estimate.estimate(scene, scene.crowd_lod, FRAMES[:1], known=True)).works
     if way != EVERYONE:
         finished(bake.bake(scene, FRAMES[:1]))
-        return {name: float(np.sum(value)) for name, value in vars(works["By Ratio"]).items()}
+        return {name: float(np.sum(value)) for name, value in vars(works["By Distance"]).items()}
     top = scene.crowd_lod.build
     full = works[cost_estimate.FULL]
     dress_scene(scene, EVERYONE)

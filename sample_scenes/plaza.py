@@ -62,7 +62,6 @@ def make(scene: bpy.types.Scene) -> None:
     settings.level_count = 3
     settings.ratios[:3] = (1.0, 0.4, 0.12)
     settings.thresholds[:2] = (0.16, 0.4)
-    settings.metric = "AXIS"
     settings.margin_kind = "DERIVED"
     settings.color = "LOD"
     settings.above = None

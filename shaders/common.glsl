@@ -92,9 +92,6 @@ struct Agent {
   vec3 feet; /* relative to the drawing's origin */
   float phase;
   int color; /* in the palette */
-  /* > 0: drawn where the dither is below it; < 0: where the dither is not below -share; 0: drawn
-   * everywhere */
-  float share;
   vec3 x_axis, y_axis, z_axis; /* of the character, in the world */
   float scale;
 };
@@ -112,8 +109,7 @@ Agent agent(int number)
   Agent a;
   a.feet = first.xyz;
   a.phase = first.w;
-  a.color = int(second.w) / 4;
-  a.share = second.w - float(4 * a.color) - 2.0;
+  a.color = int(second.w);
   a.x_axis = second.xyz;
   a.y_axis = third.xyz;
   a.z_axis = cross(a.x_axis, a.y_axis);

@@ -29,7 +29,4 @@ void main()
 #else
   lit = of_agent * light;
 #endif
-#ifdef FADING
-  share = a.share;
-#endif
 }

@@ -55,15 +55,12 @@ class Spacing:
     """How agents stand in a grid or in rows.
 
     apart: meters between neighbors; 0 for the distance that gives as many places as agents.
-    jitter: part of that distance by which an agent is moved along and across, half of it either
-        way at most.
     rows: how many rows stand along each curve.
     depth, rise: meters from one row to the next, outward and up.
     turn: radians, added to the heading.
     """
 
     apart: float = 0.0
-    jitter: float = 0.0
     rows: int = 1
     depth: float = 0.9
     rise: float = 0.0
@@ -149,7 +146,7 @@ def _draw(
     return points, triangle, weight
 
 
-def on_grid(area: Area, count: int, seed: int, spacing: Spacing) -> Places:
+def on_grid(area: Area, count: int, spacing: Spacing) -> Places:
     """Return places in a grid over the `area`, from its lower left corner on.
 
     With a distance the area fixes their number; without one there are `count`.
@@ -169,17 +166,14 @@ def on_grid(area: Area, count: int, seed: int, spacing: Spacing) -> Places:
         across = width / columns
         up = depth / rows
     row, column = np.divmod(np.arange(count), columns)
-    shift = spacing.jitter * (np.random.Generator(np.random.PCG64(seed)).random((2, count)) - 0.5)
     left = (area.x_min + area.x_max - columns * across) / 2
     low = (area.y_min + area.y_max - rows * up) / 2
-    x = left + (column + 0.5 + shift[0]) * across
-    y = low + (row + 0.5 + shift[1]) * up
+    x = left + (column + 0.5) * across
+    y = low + (row + 0.5) * up
     return without_heading(np.stack([x, y, np.full(count, area.z)], axis=1))
 
 
-def in_rows(
-    curves: Sequence[tuple[np.ndarray, bool]], count: int, seed: int, spacing: Spacing
-) -> Places:
+def in_rows(curves: Sequence[tuple[np.ndarray, bool]], count: int, spacing: Spacing) -> Places:
     """Return places in rows along curves.
 
     All face inward from a closed curve, and to the right of an open one. The first row lies on the
@@ -207,9 +201,8 @@ def in_rows(
         until = np.rint(np.cumsum(totals) / total * count).astype(int)
         counts = np.diff(until, prepend=0).tolist()
     check_counts(sum(counts))
-    random = np.random.Generator(np.random.PCG64(seed))
     parts = [
-        _along(points, lengths, number, random, spacing)
+        _along(points, lengths, number, spacing.turn)
         for (points, lengths), number in zip(rows, counts, strict=True)
     ]
     return Places(
@@ -299,26 +292,18 @@ def _turns_left(points: np.ndarray) -> bool:
     return bool((x[:-1] * y[1:] - x[1:] * y[:-1]).sum() > 0)
 
 
-def _along(
-    points: np.ndarray,
-    lengths: np.ndarray,
-    count: int,
-    random: np.random.Generator,
-    spacing: Spacing,
-) -> Places:
-    """Return `count` places, evenly along one row."""
+def _along(points: np.ndarray, lengths: np.ndarray, count: int, turn: float) -> Places:
+    """Return `count` places, evenly along one row; their headings are turned by `turn` radians."""
     until = np.append(0.0, np.cumsum(lengths))
     apart = until[-1] / max(count, 1)
-    shift = spacing.jitter * (random.random((2, count)) - 0.5)
-    at = (np.arange(count) + 0.5 + shift[0]) * apart
+    at = (np.arange(count) + 0.5) * apart
     side = np.clip(np.searchsorted(until, at, side="right") - 1, 0, len(lengths) - 1)
     part = (at - until[side]) / np.maximum(lengths[side], ONE_POINT)
     way = points[side + 1] - points[side]
     length = np.maximum(_lengths(points[:, :2])[side], ONE_POINT)
     right = np.stack([way[:, 1], -way[:, 0]], axis=1) / length[:, None]
     places = points[side] + part[:, None] * way
-    places[:, :2] += right * (shift[1] * apart)[:, None]
-    heading = np.arctan2(right[:, 1], right[:, 0]) + spacing.turn
+    heading = np.arctan2(right[:, 1], right[:, 0]) + turn
     return Places(places, heading.astype(np.float32))
 
 

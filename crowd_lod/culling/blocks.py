@@ -235,7 +235,6 @@ def decide(
     views: Sequence[Sequence[Look]],
     limits: np.ndarray | None,
     margin: float | None = None,
-    radial: bool = False,
 ) -> tuple[BlockDecisions, np.ndarray]:
     """Return (decided, places): what the blocks decide, and which agents stay open.
 
@@ -243,7 +242,7 @@ def decide(
     views: for each time at which agents may be seen, the Looks of the eyes. LODs follow from the
         first time's.
     limits: (G, n - 1) meters where LODs begin; None if they depend on more than distance.
-    margin, radial: as for `radar`.
+    margin: as for `radar`.
 
     places: (m,) intp, increasing, indices of the open agents in decided.open_levels, flattened,
         where they are CULLED so far.
@@ -251,10 +250,7 @@ def decide(
     steps = [] if limits is None else [_steps(step) for step in limits.T]
     leaves = np.full(len(blocks.rows), CULLED, np.uint8)
     opened = np.arange(blocks.tiers[0][1].shape[1])
-    tests = [
-        [BoxTest(look, blocks.extent, margin, radial and not t) for look in eyes]
-        for t, eyes in enumerate(views)
-    ]
+    tests = [[BoxTest(look, blocks.extent, margin) for look in eyes] for eyes in views]
     for tier, (size, boxes, group) in enumerate(blocks.tiers):
         parts = FAN if tier else 1
         undecided = [opened[:0]]

@@ -160,34 +160,6 @@ def window(
     )
 
 
-def crop(camera: Camera, left: float, right: float, bottom: float, top: float) -> Camera:
-    """Return the camera of Blender's render region: a part of the image alone.
-
-    left, right: parts of the image's width.
-    bottom, top: parts of its height. The region is widened to whole pixels, in Blender's float32.
-
-    A panoramic camera is returned as it is.
-    """
-    if camera.kind == "PANO":
-        return camera
-    w = camera.window
-    (width, height) = camera.pixels
-    x = (
-        np.floor(np.float32(left) * np.float32(width)),
-        np.ceil(np.float32(right) * np.float32(width)),
-    )
-    y = (
-        np.floor(np.float32(bottom) * np.float32(height)),
-        np.ceil(np.float32(top) * np.float32(height)),
-    )
-    pixels = max(1, int(x[1] - x[0])), max(1, int(y[1] - y[0]))
-    across = (w.right - w.left) / width
-    up = (w.top - w.bottom) / height
-    start = w.left + float(x[0]) * across, w.bottom + float(y[0]) * up
-    part = Window(start[0], start[0] + pixels[0] * across, start[1], start[1] + pixels[1] * up)
-    return replace(camera, window=part, pixels=pixels, density=camera.pixels_per_unit)
-
-
 def lens_blur(camera: Camera, aperture: float, focus: float) -> Camera:
     """Return the camera with depth of field, which sees past the window's sides.
 

@@ -42,12 +42,12 @@ class BoxTest:
     """Decides boxes for one Look by linear forms: `forms` (f, 9) times (box, 1).
 
     extent: the largest coordinate of the boxes, meters.
-    margin, radial: as for `radar`.
+    margin: as for `radar`.
     """
 
-    def __init__(self, look: Look, extent: float, margin: float | None, radial: bool):
+    def __init__(self, look: Look, extent: float, margin: float | None):
         camera = self.camera = look.camera
-        self.radial = radial or camera.kind == "PANO"
+        self.radial = camera.kind == "PANO"
         self.linear = not (self.radial or camera.turn)
         self.moved = (look.least + look.most) / 2
         self.wider = (look.most - look.least) / 2

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..crowd.agents import Crowd
-from ..errors import CrowdError
-from ..format import counted
 from .camera import Camera
 from .frustum import Frustum, dot, frustum_of, reach_of, spheres_in_cone, spheres_inside
 
@@ -22,13 +20,11 @@ class RadarOptions:
     margin: None derives the chapter's widening from the sphere. The sphere is then visible iff it
         lies in or touches all six planes (Delta = r / cos(fov / 2) at the sides, r at near and
         far). A number is the chapter's fixed Delta in meters, at the sides alone.
-    radial: measure |v| instead of v.Z.
     cull: whether to test the spheres; all are visible if not.
     measure: whether to measure distances; those not measured are inf.
     """
 
     margin: float | None = None
-    radial: bool = False
     cull: bool = True
     measure: bool = True
 
@@ -55,8 +51,8 @@ def radar(
         panoramic camera keeps all within its clip range and its cone, also what its picture leaves
         out within the cone.
     distance: (n,) float64 meters from the camera to the sphere's center: v.Z along the view, or |v|
-        with `radial` and for panoramic cameras. With several cameras it is the least, so that all
-        show the finest LOD that one needs.
+        for panoramic cameras. With several cameras it is the least, so that all show the finest LOD
+        that one needs.
 
     Positions relative to the camera are computed in float64.
     """
@@ -97,7 +93,7 @@ def _look(
     visible, distance = results
     v = tuple(place - origin for place, origin in zip(places, camera.origin, strict=True))
     depth = dot(v, camera.Z)
-    ranged = options.radial or camera.kind == "PANO"
+    ranged = camera.kind == "PANO"
     # |v|, where something follows from it
     away = np.sqrt(dot(v, v)) if ranged or camera.turn else depth
     if options.cull:
@@ -121,14 +117,3 @@ def lost(crowd: Crowd) -> np.ndarray:
         if np.isfinite(sum(column.sum() for column in columns)):
             return np.empty(0, np.intp)
     return np.flatnonzero(~np.logical_and.reduce([np.isfinite(column) for column in columns]))
-
-
-def refuse_lost(agents: np.ndarray, count: int) -> None:
-    """Raise CrowdError if there are `agents` (m,), from `lost`; count: all agents."""
-    if len(agents):
-        raise CrowdError(
-            f"{len(agents):,} of {counted(count, 'agent')} "
-            f"{'stands' if len(agents) == 1 else 'stand'} at NaN or infinity, the first is "
-            f"agent {agents[0]}: fix the points or the map that they come from, or turn on Drop "
-            f"Lost Agents."
-        )

@@ -3,7 +3,6 @@
 In: Trajectory, Cameras, LevelPolicy, time in frames.
 Out: Frame, a pure function of these, whichever frame came before.
 
-Also here: the agents that shadows and mirrors show, the reason why an agent is culled or coarse,
-cross-fades, and hysteresis for live views. They all take a planned frame, so they stand here and
-not in `levels`.
+Also here: the agents that shadows and mirrors show, and the reason why an agent is culled or
+coarse. They take a planned frame, so they stand here and not in `levels`.
 """

@@ -5,36 +5,32 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..culling.frustum import frustum_of
 from ..culling.radar import BLOCK
 from ..errors import CrowdError
 from ..levels.assignment import pixels_of
 from ..sorting.buckets import sort
 from .frame import Frame
-from .planned import EXCEPTED, HIDDEN, LEVEL
-from .reasons import REASONS, reasons
+from .reasons import BESIDE, REASONS, reasons
+
+SIDES = "right of", "left of", "above", "below"  # in the order of a frustum's planes
 
 
 @dataclass(frozen=True)
 class Account:
     """The details of one agent.
 
-    reason: one of reasons.REASONS.
+    reason: one of reasons.REASONS; of an agent beside the frame, on which side of it.
     depth: meters to its sphere's center, along the view (PANO: straight).
-    pixels: its sphere's diameter in the picture; None behind the camera.
     error: pixels that its LOD deviates at most; None if not measured, or behind the camera.
-    planned: what the shot plan has of it; "" if the frame does not follow a plan.
     """
 
     agent: int
-    group: str
-    state: str
     visible: bool
     reason: str
     level: int
     depth: float
-    pixels: float | None
     error: float | None
-    planned: str = ""
 
 
 def nearest(
@@ -103,27 +99,24 @@ def account(frame: Frame, agent: int) -> Account:
     level = int(levels[0])
     camera = frame.camera
     depth = float(alone.depths[0])
-    pixels = error = None
-    if depth > 0 or camera.kind == "ORTHO":
-        pixels = float(pixels_of(2 * group.radius, depth, camera, 0.0))
-        if len(group.bounds) > level:
-            error = float(pixels_of(group.bounds[level], depth, camera, group.radius))
+    error = None
+    if (depth > 0 or camera.kind == "ORTHO") and len(group.bounds) > level:
+        error = float(pixels_of(group.bounds[level], depth, camera, group.radius))
+    reason = int(reasons(alone)[0])
+    is_beside = reason == BESIDE and camera.kind != "PANO"
     return Account(
         agent=agent,
-        group=group.name,
-        state=frame.trajectory.states.names[crowd.state[0]],
         visible=bool(alone.visible[0]),
-        reason=REASONS[reasons(alone)[0]],
+        reason=_side(alone) if is_beside else REASONS[reason],
         level=level,
         depth=depth,
-        pixels=pixels,
         error=error,
-        planned=describe_row(int(row[0])) if row is not None and frame.planned else "",
     )
 
 
-def describe_row(entry: int) -> str:
-    """Return in words what a shot plan has of an agent: an entry of planned.Row.levels."""
-    if entry & HIDDEN:
-        return "hidden by an override"
-    return f"LOD {entry & LEVEL}" + ", by an override" * bool(entry & EXCEPTED)
+def _side(alone: Frame) -> str:
+    """Return on which side of the first camera's frame the only agent of `alone` is."""
+    frustum = frustum_of(alone.camera)
+    center = np.array(alone.crowd.places(alone.trajectory.spheres.center))[:, 0]
+    outside = frustum.normals @ (center - frustum.origin) - frustum.offsets
+    return f"{SIDES[outside[: len(SIDES)].argmax()]} the frame"

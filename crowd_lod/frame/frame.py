@@ -17,7 +17,7 @@ from ..sorting.buckets import Buckets
 from ..sources.trajectory import Trajectory
 from .index_cache import cache_of
 from .request import Moment, Request, moments
-from .stages import Sorter, Task, sorted_by_level
+from .stages import Task, sorted_by_level
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,13 +110,12 @@ class Frame(Request, Outcome):
     @cached_property
     def distances(self) -> np.ndarray:
         """(n,) float64 meters, from which LODs follow: those of `radar`."""
-        return self._measure(self.eyes, self.policy.metric == "RADIAL")
+        return self._measure(self.eyes)
 
     @cached_property
     def depths(self) -> np.ndarray:
         """(n,) float64 meters along the first camera's view; of a panoramic camera, from it."""
-        same = len(self.eyes) == 1 and self.policy.metric != "RADIAL"
-        return self.distances if same else self._measure(self.eyes[:1], False)
+        return self.distances if len(self.eyes) == 1 else self._measure(self.eyes[:1])
 
     @cached_property
     def factors(self) -> np.ndarray | None:
@@ -134,11 +133,9 @@ class Frame(Request, Outcome):
         """(m,) float32 in [0, 1): the places of `agents` (m,) in their action's cycle."""
         return self.trajectory.phase(self.crowd, self.time, agents)
 
-    def _measure(self, eyes: tuple[Camera, ...], radial: bool) -> np.ndarray:
+    def _measure(self, eyes: tuple[Camera, ...]) -> np.ndarray:
         spheres = self.trajectory.spheres
-        return radar(
-            self.crowd, eyes, spheres.center, spheres.reach, RadarOptions(None, radial, cull=False)
-        )[1]
+        return radar(self.crowd, eyes, spheres.center, spheres.reach, RadarOptions(cull=False))[1]
 
 
 def plan(
@@ -162,11 +159,8 @@ def plan(
     )
 
 
-def plan_of(trajectory: Trajectory, request: Request, sorter: Sorter | None = None) -> Frame:
-    """Return the frame that is asked for: a pure function of `trajectory` and `request`.
-
-    sorter: makes the buckets where it can (stages.sorted_by_level).
-    """
+def plan_of(trajectory: Trajectory, request: Request) -> Frame:
+    """Return the frame that is asked for: a pure function of `trajectory` and `request`."""
     ticks = [clock.perf_counter()]
     crowd = trajectory.at(request.time)
     ticks.append(clock.perf_counter())
@@ -188,7 +182,7 @@ def plan_of(trajectory: Trajectory, request: Request, sorter: Sorter | None = No
             trajectory.spheres.radius,
             deviations(trajectory.groups, request.policy),
         )
-        outcome = _outcome(Task(trajectory, request, crowd, views, begins, ticks), sorter)
+        outcome = _outcome(Task(trajectory, request, crowd, views, begins, ticks))
         cache_of(trajectory).memo = None if inputs is None else (*inputs, outcome)
     requested = {field.name: getattr(request, field.name) for field in fields(Request)}
     return Frame(
@@ -230,10 +224,10 @@ def _values(cameras: Sequence[Camera]) -> list[tuple]:
     ]
 
 
-def _outcome(task: Task, sorter: Sorter | None) -> Outcome:
+def _outcome(task: Task) -> Outcome:
     """Return who is seen, and what that costs."""
     groups = task.trajectory.groups
-    result = sorted_by_level(task, sorter)
+    result = sorted_by_level(task)
     buckets = result.buckets
     present = task.crowd.present
     if present is not None:

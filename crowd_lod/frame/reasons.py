@@ -13,7 +13,6 @@ REASONS = (
     "near enough",
     "far away",
     "detail map",
-    "hysteresis",
     "clipped before the near plane",
     "clipped beyond the far plane",
     "outside the frustum",
@@ -27,7 +26,6 @@ REASONS = (
     NEAR_ENOUGH,
     DISTANCE,
     DETAIL_MAP,
-    HYSTERESIS,
     NEAR,
     FAR,
     BESIDE,
@@ -44,10 +42,9 @@ def reasons(frame: Frame) -> np.ndarray:
 
     A culled agent lies before near or beyond far of the first camera by its sphere, or else beside
     the view. A LOD that the distance alone does not give comes from the detail map, stands in for a
-    finer one that builds leave out (LevelPolicy.finest), or comes from the shot plan or from
-    hysteresis. An exception from the shot plan is the reason wherever it pins the LOD of a visible
-    agent, or hides the agent. An agent that is not there has no other reason, unless an exception
-    hides it.
+    finer one that builds leave out (LevelPolicy.finest), or comes from the shot plan. An exception
+    from the shot plan is the reason wherever it pins the LOD of a visible agent, or hides the
+    agent. An agent that is not there has no other reason, unless an exception hides it.
     """
     crowd = frame.crowd
     policy = frame.policy
@@ -65,7 +62,7 @@ def reasons(frame: Frame) -> np.ndarray:
     reason = np.full(len(crowd), DISTANCE, np.uint8)
     reason[painted != plain] = DETAIL_MAP
     reason[painted < finest] = LEFT_OUT
-    reason[frame.levels != np.maximum(painted, finest)] = SHOT_PLAN if frame.planned else HYSTERESIS
+    reason[frame.levels != np.maximum(painted, finest)] = SHOT_PLAN
     reason[frame.levels == 0] = NEAR_ENOUGH
     culled = np.flatnonzero(~frame.visible)
     reason[culled] = BESIDE

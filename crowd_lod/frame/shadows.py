@@ -48,7 +48,6 @@ class Surroundings:
     box: (2, 3) meters, least and greatest corner of all that shadows may fall on besides the crowd;
         None if that is not known.
     occluders: scenery that may hide agents; None hides nobody.
-    level: the LOD of agents that the camera itself does not see, or the coarsest there is.
     left_out: what is not looked for, and why.
     finest: each group's finest LOD; () if all have all.
     glows: for each group whether its agents light the picture, wherever they are; () if none does.
@@ -58,7 +57,6 @@ class Surroundings:
     mirrors: tuple[Mirror, ...] = ()
     box: np.ndarray | None = None
     occluders: Occluders | None = None
-    level: int = 255
     left_out: tuple[LeftOut, ...] = ()
     finest: tuple[int, ...] = ()
     glows: tuple[bool, ...] = ()
@@ -98,7 +96,7 @@ def surround(frame: Frame, around: Surroundings) -> Frame:
         shade |= unseen & np.array(around.glows)[frame.crowd.group]
     count = len(frame.buckets.counts)
     finest = np.array(around.finest or [0] * len(trajectory.groups), np.uint8)[frame.crowd.group]
-    levels = np.maximum(finest, np.uint8(min(around.level, count - 1)))
+    levels = np.maximum(finest, np.uint8(count - 1))
     return replace(
         frame,
         shadow=sort(shade & ~reflected, levels, count),

@@ -1,10 +1,6 @@
-"""Culling, LODs and sorting of one frame: blocks of agents first, then each agent left open.
-
-A `Sorter`, such as the GPU, may do the same in place of this.
-"""
+"""Culling, LODs and sorting of one frame: blocks of agents first, then each agent left open."""
 
 import time as clock
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,35 +8,13 @@ import numpy as np
 from ..crowd.agents import Crowd
 from ..crowd.leave_outs import BLOCKS, LeftOut
 from ..culling.blocks import CULLED, LEAF, BlockDecisions, Blocks, decide
-from ..culling.camera import Camera
 from ..culling.frustum_box_test import Look
-from ..culling.radar import RadarOptions, lost, radar, refuse_lost
-from ..levels.assignment import LevelPolicy, assign
+from ..culling.radar import RadarOptions, lost, radar
+from ..levels.assignment import assign
 from ..sorting.buckets import Buckets, sort, sort_blocks, sort_in_order
 from ..sources.trajectory import Trajectory
 from .index_cache import blocks_at, displacement_of
 from .request import Moment, Request
-
-
-@dataclass(frozen=True)
-class Unsorted:
-    """The input of a `Sorter`.
-
-    order: (n,) int32, agent indices; None for agent order.
-    begins: (G, n - 1) meters, where LODs begin.
-    """
-
-    crowd: Crowd
-    order: np.ndarray | None
-    camera: Camera
-    policy: LevelPolicy
-    begins: np.ndarray
-
-
-# Another way to cull, give LODs and sort, of the same agents and LODs. It returns (places (m,)
-# int32, offsets (n + 1,) intp): where in the order the visible agents of LOD k stand is
-# places[offsets[k]:offsets[k + 1]], rising. See operators/overlay/gpu_culling.py.
-Sorter = Callable[[Unsorted], tuple[np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True)
@@ -65,16 +39,6 @@ class Task:
         bias = self.request.bias
         return None if bias is None else bias.at(self.crowd.x[agents], self.crowd.y[agents])
 
-    def lost(self) -> int:
-        """Return how many agents are dropped at NaN or infinity.
-
-        Raises CrowdError if the policy does not allow any.
-        """
-        agents = lost(self.crowd)
-        if not self.request.policy.drop_lost:
-            refuse_lost(agents, len(self.crowd))
-        return len(agents)
-
 
 @dataclass(frozen=True)
 class Sorted:
@@ -93,21 +57,9 @@ class Sorted:
     levels: np.ndarray | None = None
 
 
-def sorted_by_level(task: Task, sorter: Sorter | None) -> Sorted:
-    """Return the visible agents by LOD.
-
-    sorter: finds them if there is one camera, no panorama, and no shutter, bias or lens blur.
-    """
+def sorted_by_level(task: Task) -> Sorted:
+    """Return the visible agents by LOD."""
     dated_blocks = blocks_at(task.trajectory, task.request.time)
-    eyes = task.request.eyes
-    if (
-        sorter is not None
-        and len(task.moments) == len(eyes) == 1
-        and task.request.bias is None
-        and not eyes[0].turn
-        and eyes[0].kind != "PANO"
-    ):
-        return _elsewhere(task, dated_blocks and dated_blocks[1], sorter)
     if dated_blocks is not None and BLOCKS in task.trajectory.leave & task.trajectory.left_out:
         return _by_blocks(task, *dated_blocks)
     return _one_block(task, dated_blocks and dated_blocks[1])
@@ -119,7 +71,7 @@ def _one_block(task: Task, blocks: Blocks | None) -> Sorted:
     For small crowds, whose blocks would cost more than they save, and where BLOCKS is not left out.
     blocks: those of the crowd, if it has any: they give the order of the agents.
     """
-    dropped = task.lost()
+    dropped = len(lost(task.crowd))
     visible, distance = _radar(task)
     task.ticks.append(clock.perf_counter())
     levels = assign(distance, task.begins, task.crowd.group, task.factors())
@@ -140,7 +92,7 @@ def _by_blocks(task: Task, since: int, blocks: Blocks) -> Sorted:
     since: the frame when the blocks were made.
     """
     group = task.crowd.group
-    dropped = 0 if blocks.finite else task.lost()
+    dropped = 0 if blocks.finite else len(lost(task.crowd))
     decided, places = _decide_blocks(task, since, blocks)
     agents = blocks.rows[decided.open_blocks[places // LEAF], places % LEAF]
     visible, distance = _radar(task, agents)
@@ -172,7 +124,7 @@ def _decide_blocks(task: Task, since: int, blocks: Blocks) -> tuple[BlockDecisio
         for moment in task.moments
     ]
     limits = task.begins if task.request.bias is None else None
-    return decide(blocks, task.crowd, views, limits, policy.margin, policy.metric == "RADIAL")
+    return decide(blocks, task.crowd, views, limits, policy.margin)
 
 
 def _radar(task: Task, agents: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
@@ -184,31 +136,10 @@ def _radar(task: Task, agents: np.ndarray | None = None) -> tuple[np.ndarray, np
     policy = task.request.policy
     center = trajectory.spheres.center
     now, *shutter = task.moments
-    options = RadarOptions(policy.margin, policy.metric == "RADIAL")
+    options = RadarOptions(policy.margin)
     visible, distance = radar(task.crowd, now.eyes, center, now.radius, options, agents)
-    unmeasured = replace(options, radial=False, measure=False)
+    unmeasured = replace(options, measure=False)
     for moment in shutter:
         crowd = trajectory.at(moment.time)
         visible |= radar(crowd, moment.eyes, center, moment.radius, unmeasured, agents)[0]
     return visible, distance
-
-
-def _elsewhere(task: Task, blocks: Blocks | None, sorter: Sorter) -> Sorted:
-    """Let the `sorter` do all three stages; all of its time counts as culling."""
-    crowd = task.crowd
-    dropped = 0 if blocks is not None and blocks.finite else task.lost()
-    order = None if blocks is None else blocks.order
-    places, offsets = sorter(
-        Unsorted(crowd, order, task.moments[0].eyes[0], task.request.policy, task.begins)
-    )
-    counted = None
-    if blocks is not None:
-        edges = [
-            np.searchsorted(places[a:b], blocks.groups)
-            for a, b in zip(offsets[:-1], offsets[1:], strict=True)
-        ]
-        counted = np.diff(edges, axis=1), np.diff(blocks.groups)
-    buckets = Buckets(places if order is None else order[places], offsets)
-    task.ticks.extend([clock.perf_counter()] * 3)
-    left = frozenset(item for item in task.trajectory.left_out if item.stage != "culling")
-    return Sorted(buckets, dropped, left, counted)

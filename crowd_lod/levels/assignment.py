@@ -12,10 +12,7 @@ from ..culling.camera import Camera
 from ..errors import CrowdError
 
 MOST_LEVELS = 8
-METRICS = ("AXIS", "RADIAL", "PIXELS")
-# Of thresholds that push each other along: how far they keep apart, and the least and the greatest
-PUSHED_PARTS = 0.001, (0.001, 1.0)
-PUSHED_PIXELS = 0.1, (-1e6, -0.01)  # with a minus, so that they rise too
+LEAST_GAP = 0.001  # between thresholds that push each other along, and from 0 to the first
 
 
 @dataclass(frozen=True)
@@ -23,36 +20,26 @@ class LevelPolicy:
     """How LODs follow from distance.
 
     thresholds: n - 1 values, where LODs 1 ... n - 1 begin. Parts of the far distance, strictly
-        increasing in (0, 1]. For PIXELS: diameters of the bounding sphere in pixels, strictly
-        decreasing.
-    metric: AXIS is the distance along the view (the chapter's v.Z). RADIAL is the distance from the
-        camera (|v|). PIXELS is the size in the image, so that a zoom changes the LOD.
+        increasing in (0, 1]. Distances are along the view (the chapter's v.Z); of a panoramic
+        camera, from it.
     margin: None derives the widening of the frustum. A number is the chapter's fixed Delta, meters.
-    tolerance: pixels, for PIXELS only. A LOD then begins where its measured deviation shows no more
-        than that, and the thresholds only count the LODs.
+    tolerance: pixels. A LOD then begins where its measured deviation shows no more than that, so
+        that a zoom changes it, and the thresholds only count the LODs.
     group_thresholds: one entry per group: its own thresholds, or () if it has none.
     finest: for each group the finest LOD that it has; () if each has all.
-    hysteresis: for live use, the part of a distance by which a threshold must be passed (see
-        `hold`).
-    drop_lost: leave out agents at NaN or infinity and count them. If False, they are an error.
     shading: with a tolerance, a LOD begins no nearer than where its shaded picture is within WITHIN
         (validation/shaded_pictures.py) of the character's.
     CrowdError names the value that is wrong.
     """
 
     thresholds: tuple[float, ...]
-    metric: str = "AXIS"
     margin: float | None = None
     tolerance: float | None = None
     group_thresholds: tuple[tuple[float, ...], ...] = ()
     finest: tuple[int, ...] = ()
-    hysteresis: float = 0.0
-    drop_lost: bool = False
     shading: bool = False
 
     def __post_init__(self) -> None:
-        if self.metric not in METRICS:
-            raise CrowdError(f"The LOD metric is {self.metric!r}; use one of {', '.join(METRICS)}.")
         if self.margin is not None and not 0 <= self.margin < np.inf:
             raise CrowdError(
                 f"The fixed margin is {self.margin} m; it must be finite and at least 0."
@@ -60,14 +47,6 @@ class LevelPolicy:
         if self.tolerance is not None and not 0 < self.tolerance < np.inf:
             raise CrowdError(
                 f"The LOD tolerance is {self.tolerance} pixels; it must be finite and above 0."
-            )
-        if self.tolerance is not None and self.metric != "PIXELS":
-            raise CrowdError(
-                f"A LOD tolerance in pixels needs the metric PIXELS, not {self.metric}."
-            )
-        if not 0 <= self.hysteresis < 1:
-            raise CrowdError(
-                f"The LOD hysteresis is {self.hysteresis}; it is a part of the distance, in [0, 1)."
             )
         if len(self.thresholds) >= MOST_LEVELS:
             raise CrowdError(
@@ -85,18 +64,12 @@ class LevelPolicy:
     def _check(self, thresholds: tuple[float, ...], of_group: str) -> None:
         if self.tolerance is not None:
             return
-        size = self.metric == "PIXELS"
-        before = np.inf if size else 0.0
+        before = 0.0
         for number, threshold in enumerate(thresholds):
-            if not (0 < threshold < before if size else before < threshold <= 1):
-                rule = (
-                    "decrease strictly, in pixels above 0"
-                    if size
-                    else "increase strictly within (0, 1]"
-                )
+            if not before < threshold <= 1:
                 raise CrowdError(
-                    f"LOD threshold {number}{of_group} is {threshold:g}; thresholds must {rule}, "
-                    f"and the one before is {before:g}."
+                    f"LOD threshold {number}{of_group} is {threshold:g}; thresholds must increase "
+                    f"strictly within (0, 1], and the one before is {before:g}."
                 )
             before = threshold
 
@@ -106,24 +79,21 @@ class LevelPolicy:
         return len(self.thresholds) + 1
 
 
-def pushed(values: Sequence[float], fixed: int, metric: str) -> np.ndarray:
+def pushed(values: Sequence[float], fixed: int) -> np.ndarray:
     """Return thresholds (k,) float64 that LevelPolicy takes, as near as can be to `values` (k,).
 
-    The value at index `fixed` stays, and pushes the others along as far as it must, each a little
-    from the next (PUSHED_PARTS, PUSHED_PIXELS). Where no room is left for them, it stops itself.
-    Values that are in order stay to the bit.
-
-    metric: one of METRICS, as in LevelPolicy.
+    The value at index `fixed` stays, and pushes the others along as far as it must, each LEAST_GAP
+    from the next. Where no room is left for them, it stops itself. Values that are in order stay to
+    the bit.
     """
     with suppress(CrowdError):
-        LevelPolicy(tuple(round(value, 6) for value in values), metric)
+        LevelPolicy(tuple(round(value, 6) for value in values))
         return np.array(values, np.float64)
-    sign, step, (low, high) = (-1, *PUSHED_PIXELS) if metric == "PIXELS" else (1, *PUSHED_PARTS)
-    steps = step * np.arange(len(values))
-    rising = sign * np.array(values, np.float64) - steps
+    steps = LEAST_GAP * np.arange(len(values))
+    rising = np.array(values, np.float64) - steps
     rising[fixed:] = np.maximum.accumulate(rising[fixed:])
     rising[fixed::-1] = np.minimum.accumulate(rising[fixed::-1])
-    return sign * (rising.clip(low, high - steps[-1]) + steps)
+    return rising.clip(LEAST_GAP, 1 - steps[-1]) + steps
 
 
 def limits(
@@ -146,27 +116,17 @@ def limits(
     own = dict(enumerate(policy.group_thresholds))
     rows = [own.get(g) or policy.thresholds for g in range(groups)]
     thresholds = np.array(rows, np.float64).reshape(groups, steps)
-    if policy.metric != "PIXELS" or not steps:
+    if policy.tolerance is None or not steps:
         return np.where(is_finest, -np.inf, camera.far * thresholds)
-    pixels: np.ndarray | float
-    nearest: np.ndarray | float
-    if policy.tolerance is None:
-        length = 2 * radius[:, None]
-        pixels = thresholds
-        nearest = 0.0
-    elif deviation is None:
+    if deviation is None:
         raise CrowdError(
-            "A LOD tolerance needs the measured LOD meshes: make them, or set thresholds in pixels."
+            "A LOD tolerance needs the measured LOD meshes: make them, or choose LODs by distance."
         )
-    else:
-        length = deviation[:, 1:]
-        pixels = policy.tolerance
-        nearest = radius[:, None]
-    pixels_shown = camera.pixels_per_unit * length
+    pixels_shown = camera.pixels_per_unit * deviation[:, 1:]
     begin = (
-        np.where(pixels_shown <= pixels, -np.inf, np.inf)
+        np.where(pixels_shown <= policy.tolerance, -np.inf, np.inf)
         if camera.kind == "ORTHO"
-        else pixels_shown / pixels + nearest
+        else pixels_shown / policy.tolerance + radius[:, None]
     )
     return np.maximum.accumulate(np.where(is_finest, -np.inf, begin), axis=1)
 
@@ -233,26 +193,6 @@ def assign(
             step = step[0]
         ids += (distance >= step).view(np.uint8)  # bools would be cast one by one
     return ids
-
-
-def hold(
-    previous: np.ndarray,
-    distance: np.ndarray,
-    limits: np.ndarray,
-    group: np.ndarray | None = None,
-    factor: np.ndarray | None = None,
-    width: float = 0.1,
-) -> np.ndarray:
-    """Return the LOD ids (n,) uint8 with hysteresis.
-
-    An agent keeps its id of `previous` (n,) until the distance has passed a limit by more than the
-    part `width` of it. The other arguments are those of `assign`.
-    It is causal, and a pure function of its arguments: for live use. A frame's plan knows no
-    earlier frame; a shot's plan looks ahead instead.
-    """
-    finest = assign(distance, limits * (1 + width), group, factor)
-    coarsest = assign(distance, limits * (1 - width), group, factor)
-    return np.clip(previous, finest, coarsest)
 
 
 @dataclass(frozen=True)

@@ -81,7 +81,7 @@ def choose(
     """
     candidates, dropped = _worth_making(group, given)
     deviation = np.array([[group.bounds[k] for k in candidates]])
-    policy = LevelPolicy((0.0,) * (len(candidates) - 1), "PIXELS", tolerance=tolerance)
+    policy = LevelPolicy((0.0,) * (len(candidates) - 1), tolerance=tolerance)
     is_used = np.zeros(len(candidates), bool)
     begins = []
     for view in views:
@@ -188,7 +188,7 @@ def counting(group: Group, tolerance: float, shot: GroupShot) -> Group:
     tolerance: pixels.
     """
     policy = LevelPolicy(
-        (0.0,) * (len(group.bounds) - 1), "PIXELS", tolerance=tolerance, shading=shot.shading
+        (0.0,) * (len(group.bounds) - 1), tolerance=tolerance, shading=shot.shading
     )
     table = deviations((group,), policy)
     assert table is not None  # the policy has as many LODs as the group has bounds
@@ -203,7 +203,7 @@ def allowed(
     An agent counts at the coarsest of the `candidates`, finest first, that stays within the
     tolerance in pixels: for each of F views, K candidates and N characters.
     """
-    policy = LevelPolicy((0.0,) * (len(candidates) - 1), "PIXELS", tolerance=tolerance)
+    policy = LevelPolicy((0.0,) * (len(candidates) - 1), tolerance=tolerance)
     deviation = np.array([[group.bounds[k] for k in candidates]])
     counts = np.zeros((len(shot.views), len(candidates), shot.characters), np.intp)
     for view_counts, view in zip(counts, shot.views, strict=True):

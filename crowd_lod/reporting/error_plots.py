@@ -181,14 +181,14 @@ def _culling(rows: list[Row], column: str, title: str) -> svg.Panel:
 
 
 def _distances(rows: list[Row]) -> svg.Panel:
-    """Return the worst error of distances against time, by metric and precision."""
+    """Return the worst error of distances against time, by precision."""
     floor = _least(rows, "worst_m")
     value = _column("worst_m")
     series = []
     for row in rows:
         if row["offset_m"] in LEVEL_OFFSETS[:2]:
             away = f", {row['offset_m'] / 1000:g} km away" if row["offset_m"] else ""
-            label = f"{row['metric'].lower()}, {row['precision']}{away}"
+            label = f"{row['precision']}{away}"
             style = _level_style(row, rows) | {"hollow": bool(away), "line": False}
             series.append(_timed(label, [row], value, floor, **style))
     series += _stars(rows, value, floor)
@@ -199,7 +199,7 @@ def _ids(rows: list[Row]) -> svg.Panel:
     """Return the LOD ids that differ against the crowd's distance from the origin."""
     floor = 0.2e6 / rows[0]["of"]
     series = []
-    kinds = _grouped(rows, lambda row: (row["metric"].lower(), row["precision"]))
+    kinds = _grouped(rows, lambda row: (row["precision"],))
     for k, (names, kind) in enumerate(kinds.items()):
         beside = 1.06**k  # kinds that agree stand side by side
         points = [
@@ -214,13 +214,8 @@ def _ids(rows: list[Row]) -> svg.Panel:
 
 
 def _level_style(row: Row, rows: Sequence[Row]) -> dict[str, Any]:
-    precisions, metrics = (
-        list(dict.fromkeys(other[key] for other in rows)) for key in ("precision", "metric")
-    )
-    return {
-        "color": COLORS[precisions.index(row["precision"])],
-        "shape": SHAPES[metrics.index(row["metric"])],
-    }
+    precisions = list(dict.fromkeys(other["precision"] for other in rows))
+    return {"color": COLORS[precisions.index(row["precision"])]}
 
 
 def _least(rows: Sequence[Row], what: str) -> float:

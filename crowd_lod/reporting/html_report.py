@@ -164,10 +164,7 @@ def _rule(levels: dict) -> str:
             f"LODs are chosen so that no surface lies off its character's by more than "
             f"{levels['tolerance']:g} px{shading}{budget}."
         )
-    by = {"AXIS": "depth", "RADIAL": "distance from the camera", "PIXELS": "size in pixels"}[
-        levels["metric"]
-    ]
-    return f"LODs are set by ratio, and begin by {by}."
+    return "LODs are set by distance: what each keeps, and where it begins."
 
 
 def _character(entry: dict, tints: Sequence[str]) -> str:

@@ -284,20 +284,16 @@ def _cull_by_radar(
     return radar(*view, center, radius, RadarOptions(delta))[0]
 
 
-def exact_limits(policy: LevelPolicy, camera: Camera, radius: np.ndarray) -> list[list[F]]:
+def exact_limits(policy: LevelPolicy, camera: Camera, groups: int) -> list[list[F]]:
     """Return `limits` of levels/assignment.py without rounding, one list per group.
 
-    Tolerance and `finest` of the policy do not count. By the metric PIXELS an orthographic camera
-    has no such distances.
+    Tolerance and `finest` of the policy do not count.
     """
-    rows = []
-    for g, r in enumerate(radius.tolist()):
-        thresholds = dict(enumerate(policy.group_thresholds)).get(g) or policy.thresholds
-        if policy.metric == "PIXELS":
-            rows.append([F(float(camera.pixels_per_unit)) * 2 * F(r) / F(t) for t in thresholds])
-        else:
-            rows.append([F(float(camera.far)) * F(t) for t in thresholds])
-    return rows
+    own = dict(enumerate(policy.group_thresholds))
+    return [
+        [F(float(camera.far)) * F(t) for t in own.get(g) or policy.thresholds]
+        for g in range(groups)
+    ]
 
 
 def exact_levels(
@@ -352,61 +348,52 @@ def compare_levels(
     views: Sequence[View],
     center: np.ndarray,
     radius: np.ndarray,
-    policies: Sequence[LevelPolicy],
-    metric: str,
+    policy: LevelPolicy,
     repeats: int = 7,
 ) -> Iterator[dict]:
     """Yield rows of the distances and LODs of all agents, each timed and judged.
 
     views: only the first camera of each counts.
-    policies: each is tried in each view.
-    metric: of the scene; its row is marked as the default.
+    policy: without a tolerance.
     differ, differ_ppm: ids that differ from exact arithmetic, and how many of a million.
     worst_m: the largest error of a distance, meters.
     ms: per view.
     """
-    for policy in policies:
-        kinds = {cameras[0].kind for _, cameras in views}
-        if policy.metric == "PIXELS" and "ORTHO" in kinds:
-            continue  # one LOD a group, at any distance
-        for offset in LEVEL_OFFSETS:
-            moved_views = [move_view((crowd, cameras[:1]), offset) for crowd, cameras in views]
-            for way in WAYS:
-                method = partial(
-                    distances_and_levels, center=center, radius=radius, policy=policy, way=way
+    for offset in LEVEL_OFFSETS:
+        moved_views = [move_view((crowd, cameras[:1]), offset) for crowd, cameras in views]
+        for way in WAYS:
+            method = partial(
+                distances_and_levels, center=center, radius=radius, policy=policy, way=way
+            )
+            results = map_views(moved_views, method)
+            wrong = 0
+            worst = 0.0
+            for (crowd, (camera,)), (distance, ids) in zip(moved_views, results, strict=True):
+                radial = camera.kind == "PANO"
+                truth = exact_levels(
+                    crowd, camera, center, exact_limits(policy, camera, len(radius)), radial
                 )
-                results = map_views(moved_views, method)
-                wrong = 0
-                worst = 0.0
-                for (crowd, (camera,)), (distance, ids) in zip(moved_views, results, strict=True):
-                    radial = policy.metric == "RADIAL" or camera.kind == "PANO"
-                    truth = exact_levels(
-                        crowd, camera, center, exact_limits(policy, camera, radius), radial
-                    )
-                    wrong += int((ids != truth).sum())
-                    for i in range(0, len(crowd), max(1, len(crowd) // SAMPLES)):
-                        off = F(float(distance[i])) - exact_distance(
-                            crowd, camera, center, i, radial
-                        )
-                        worst = max(worst, abs(float(off)))
-                spent = time_runs(partial(map_views, moved_views, method), repeats)
-                spent = {key: ms / len(moved_views) for key, ms in spent.items()}
-                agents = sum(len(crowd) for crowd, _ in moved_views)
-                default = int(policy.metric == metric and way == "float64" and not offset)
-                errors = {
-                    "differ": wrong,
-                    "of": agents,
-                    "differ_ppm": 1e6 * wrong / max(agents, 1),
-                    "worst_m": worst,
-                }
-                yield {
-                    "metric": policy.metric,
-                    "precision": way,
-                    "offset_m": offset,
-                    **spent,
-                    **errors,
-                    "default": default,
-                }
+                wrong += int((ids != truth).sum())
+                for i in range(0, len(crowd), max(1, len(crowd) // SAMPLES)):
+                    off = F(float(distance[i])) - exact_distance(crowd, camera, center, i, radial)
+                    worst = max(worst, abs(float(off)))
+            spent = time_runs(partial(map_views, moved_views, method), repeats)
+            spent = {key: ms / len(moved_views) for key, ms in spent.items()}
+            agents = sum(len(crowd) for crowd, _ in moved_views)
+            default = int(way == "float64" and not offset)
+            errors = {
+                "differ": wrong,
+                "of": agents,
+                "differ_ppm": 1e6 * wrong / max(agents, 1),
+                "worst_m": worst,
+            }
+            yield {
+                "precision": way,
+                "offset_m": offset,
+                **spent,
+                **errors,
+                "default": default,
+            }
 
 
 def distances_and_levels(
@@ -415,12 +402,12 @@ def distances_and_levels(
     """Return (distances, LODs) of n agents, found in one `way` of the table of ways.
 
     center: (3,) meters, of an agent's sphere above its place. radius: (G,) meters, by group.
-    Distances: (n,), depths or by the policy's metric, of the way's dtype. LODs: (n,) integers.
+    Distances: (n,), of the way's dtype. LODs: (n,) integers.
     """
     crowd, (camera,) = view
     x, y, z = subtract_origin(crowd, camera, center, way)
     Z = camera.Z.astype(x.dtype)
     bounds = limits(policy, camera, radius).astype(x.dtype)
-    radial = policy.metric == "RADIAL" or camera.kind == "PANO"
+    radial = camera.kind == "PANO"
     distance = np.sqrt(x * x + y * y + z * z) if radial else x * Z[0] + y * Z[1] + z * Z[2]
     return distance, assign(distance, bounds, crowd.group)

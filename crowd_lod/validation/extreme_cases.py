@@ -8,8 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..culling.camera import Camera, referential, window
-from ..culling.radar import lost, radar, refuse_lost
-from ..errors import CrowdError
+from ..culling.radar import lost, radar
 from ..format import aligned
 from ..levels.assignment import LevelPolicy, assign, limits
 from .culling_judge import Verdict, judge_culling, standing_crowd
@@ -180,11 +179,8 @@ def _judge_lost(seed: int) -> Row:
     points[[7, 90, 4]] = [[np.nan, 0, 0], [0, np.inf, 0], [0, 0, -np.inf]]
     crowd = standing_crowd(points, group)
     lost_agents = np.array([4, 7, 90])
-    try:
-        refuse_lost(lost(crowd), len(crowd))
-        note = "not refused"
-    except CrowdError as error:
-        note = str(error)
+    found = lost(crowd)
+    note = f"{len(found):,} of {len(crowd):,} agents are left out, the first is agent {found[0]}"
     started = clock.perf_counter()
     visible, _ = radar(crowd, camera, np.zeros(len(radius)), radius)
     spent = 1000 * (clock.perf_counter() - started)

@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.culling import stereo
-from ...crowd_lod.culling.camera import Camera, Window, crop, lens_blur, referential, window
+from ...crowd_lod.culling.camera import Camera, Window, lens_blur, referential, window
 from ...crowd_lod.culling.shutter import open_shutter
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.progress import finished
@@ -66,8 +66,7 @@ def bound_camera(scene: bpy.types.Scene, time: float) -> bpy.types.Object:
 def read_cameras(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> tuple[Camera, ...]:
     """Return the cameras that film the scene, as `depsgraph` evaluated them.
 
-    They are the active camera, or the eyes of a stereo or multi-view picture. With the setting
-    cull_to_border, they film only the render border.
+    They are the active camera, or the eyes of a stereo or multi-view picture.
     """
     return cameras_from(scene, active_camera(scene), depsgraph)
 
@@ -94,9 +93,6 @@ def cameras_from(
             for view in views
             if view.name in stereo.EYES
         ]
-    if scene.crowd_lod.cull_to_border and render.use_border:
-        border = render.border_min_x, render.border_max_x, render.border_min_y, render.border_max_y
-        cameras = [crop(film, *border) for film in cameras]
     return tuple(cameras)
 
 

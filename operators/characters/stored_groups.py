@@ -17,7 +17,7 @@ MEASURED = (
 )
 OF_EACH_LEVEL = "vertices", "triangles", "deviations", "bounds", "rms", "worst"
 # What users set: groups of the same name keep it.
-SET_BY_HAND = "own_thresholds", "thresholds", "sizes", "finest", "share", "scale"
+SET_BY_HAND = "own_thresholds", "thresholds", "finest", "share", "scale"
 
 
 def groups_of(settings) -> tuple[Group, ...]:
@@ -95,7 +95,7 @@ def _group(entry, lead, count: int) -> Group:
 def count_of(settings, choice: str = "") -> int:
     """Return the number of LODs.
 
-    By ratio that is the setting, by tolerance the number of LODs made, or 1 before they are.
+    By distance that is the setting, by tolerance the number of LODs made, or 1 before they are.
 
     choice: BY_RATIO or BY_TOLERANCE in place of the settings' own.
     """

@@ -1,4 +1,4 @@
-"""The commands plan and explain."""
+"""The command plan."""
 
 from collections.abc import Generator
 from pathlib import Path
@@ -9,12 +9,10 @@ from ...crowd_lod.reporting import files
 from ...crowd_lod.shot import plan_file
 from ..shot import shot_plan
 from ..sources.record_points import with_record
-from .explain import explain
 from .options import (
     add_command,
     add_frames,
     add_out,
-    add_plan,
     add_scene,
     add_setting,
     frames_of_shot,
@@ -44,26 +42,6 @@ def add_plan_shot(commands, program: str) -> None:
     add_setting(command, "--memory", "budget_memory", "MB")
 
 
-def add_explain(commands, program: str) -> None:
-    """Add the command explain to the program's."""
-    command = add_command(
-        commands,
-        program,
-        "explain",
-        explain_agent,
-        "tell every test of one agent in one frame, and what its other LODs would cost",
-        "explain plaza.blend --agent 17 --frame 60 --plan plaza_plan",
-    )
-    add_scene(command, program)
-    command.add_argument(
-        "--agent", type=int, required=True, metavar="N", help="the agent's number, from 0 on"
-    )
-    command.add_argument(
-        "--frame", type=int, required=True, metavar="F", help="the frame on the timeline"
-    )
-    add_plan(command)
-
-
 def plan_shot(args) -> dict:
     """Run the command plan."""
     scene = open_shot(args)
@@ -90,18 +68,4 @@ def plan_shot(args) -> dict:
         **content["shot"],
         "frames": content["frames"],
         "summary": f"{shot_plan.sentence(planned)}\n{out}",
-    }
-
-
-def explain_agent(args) -> dict:
-    """Run the command explain."""
-    scene = open_shot(args)
-    steps = explain(scene, args.agent, args.frame)
-    explanation, unplanned = finish(steps, f"agent {args.agent}", args.quiet)
-    summary = "\n".join(filter(None, (explanation.text, unplanned)))
-    return {
-        "frame": args.frame,
-        **explanation.as_json,
-        "unplanned": unplanned,
-        "summary": summary,
     }

@@ -63,7 +63,7 @@ PLAIN = {
 }
 MOST_GOALS = 100  # whose measurements are kept
 LEAST_TRIANGLES = 300  # a character of fewer needs no LOD, and is not worth a search
-FOLLOWING = 0.5  # by ratio, the LOD after a given one has at most this part of its triangles
+FOLLOWING = 0.5  # by distance, the LOD after a given one has at most this part of its triangles
 DIGITS = 12  # of a hash: as many as a goal can hold
 VERSION = 27  # of the code that makes LOD meshes: with another one they are made anew
 
@@ -168,7 +168,7 @@ class Ladder:
         self._read_given(sum(triangles))
 
     def _read_given(self, triangles: int) -> None:
-        """Read the LODs that were given. By ratio they come first.
+        """Read the LODs that were given. By distance they come first.
 
         triangles: of the character. The ratios of others are lowered to follow them.
         """
@@ -402,7 +402,7 @@ class Ladder:
 
         usual: values of Measurements.lost of all characters, used where this one has none.
         """
-        # by ratio all are made, whatever they deviate by
+        # by distance all are made, whatever they deviate by
         return self.measured.complete(group, self.goals, usual if self.searched else None)
 
     def mark_as_made(self, kept_homes: list[bpy.types.Collection]) -> Iterator[float]:

@@ -49,7 +49,7 @@ def ratios_of(settings) -> list[float]:
     CrowdError if the tolerance is invalid, or if the ratios do not decrease.
     """
     if settings.choice == "BY_TOLERANCE":
-        LevelPolicy((0.0,), "PIXELS", tolerance=round(settings.tolerance, 6))  # refuses a wrong one
+        LevelPolicy((0.0,), tolerance=round(settings.tolerance, 6))  # refuses a wrong one
         return [1.0]
     ratios = [round(r, 6) for r in settings.ratios[: settings.level_count]]
     for k in range(1, len(ratios)):

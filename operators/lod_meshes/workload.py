@@ -20,7 +20,7 @@ class Costs:
     """What the work on one character costs.
 
     triangles: that it has; searched: whether its LODs are of lengths, not of ratios; count: of its
-    LODs by ratio.
+    LODs by distance.
     """
 
     triangles: int = 0

@@ -13,7 +13,6 @@ from ..lod_meshes.make_lods import TINTS
 from .skinned_characters import Character
 
 # the last reasons; LODs have no more tints
-PURPLE = (0.45, 0.2, 0.75)
 BROWN = (0.25, 0.12, 0.05)
 SLATE = (0.12, 0.2, 0.28)
 BLACK = (0.01, 0.01, 0.01)
@@ -86,7 +85,7 @@ def by_reason(frame: Frame) -> Colors:
     """
     return Colors(
         reasons(frame),
-        _opaque([*TINTS, PURPLE, BROWN, SLATE, BLACK]),
+        _opaque([*TINTS, BROWN, SLATE, BLACK]),
         culled=True,
         names=tuple(reason[:1].upper() + reason[1:] for reason in REASONS),
     )

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-from ...crowd_lod.frame.cross_fade import fades_of
 from ...crowd_lod.frame.frame import Frame
 from ..blender import scene_data
 from . import agent_colors, character_cache
@@ -99,8 +98,5 @@ def drawing_of(
 
     framed: whether to draw the lines of the camera's frustum and LOD ranges.
     """
-    fades = None
-    if style.mode == "MESHES" and settings.overlay_fade:
-        fades = fades_of(frame, settings.overlay_fade)
-    what = drawing(frame, style, colored, fades)
+    what = drawing(frame, style, colored)
     return what if framed else replace(what, lines=what.lines[:0], line_colors=what.line_colors[:0])

@@ -9,14 +9,13 @@ from ...crowd_lod.crowd.leave_outs import LeftOut
 from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.culling.occluders import Occluders
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.frame.frame import Frame
+from ...crowd_lod.frame.frame import Frame, plan_of
 from ...crowd_lod.frame.hidden import hide
-from ...crowd_lod.frame.hysteresis import hold_levels
 from ...crowd_lod.frame.request import Request
 from ...crowd_lod.levels.assignment import Bias, LevelPolicy
 from ...crowd_lod.shot.frame_errors import worst_error
 from ...crowd_lod.sources.trajectory import Trajectory
-from ..blender import scene_cache, scene_data
+from ..blender import scene_data
 from ..blender.cameras import read_cameras
 from ..blender.image_data import LOOK_AGAIN
 from ..blender.scenery import scenery_of
@@ -27,15 +26,13 @@ from ..scene.scene_occluders import occluders_of
 from ..scene.shot_exceptions import digest_of
 from ..scene.shot_reference import reference, use_of
 from ..sources.crowd_sources import inputs_of, live
-from . import agent_colors, gpu_culling
+from . import agent_colors
 from .appearance import cast_of, colors_of, drawing_of, missing_groups, style_of
 from .draw_data import Style
 from .gpu_batches import Batches, Cast
 from .inset import Above
 from .open_shutter import open_shutter, values_of
 from .viewport_camera import viewpoint
-
-_faster = scene_cache.add_cache(gpu_culling.Faster())
 
 
 @dataclass
@@ -101,7 +98,7 @@ def _view_of(context) -> _View:
     region = context.region.as_pointer() if settings.overlay_camera == "VIEWPORT" else None
     depsgraph = context.view_layer.depsgraph
     eyes = (viewpoint(context),) if region is not None else read_cameras(scene, depsgraph)
-    policy = replace(policy_of(settings), hysteresis=round(settings.hysteresis, 6))
+    policy = policy_of(settings)
     time = scene_data.time_of(scene)
     key: tuple = ()
     shutter: tuple = ()
@@ -122,7 +119,6 @@ def _view_of(context) -> _View:
         style,
         notes,
         settings.overlay_color,
-        round(settings.overlay_fade, 6),
         reference(settings),
         digest_of(settings),
         # parts that have not changed are the same occluders (blender/occluders.py)
@@ -183,9 +179,6 @@ def display_now(context, before: Display | None) -> Display:
             before.looked = looked
             return before
         frame = _plan_frame(context.scene.crowd_lod, view, trajectory, bias)
-        same_view = before is not None and before.frame_inputs[:1] == (view.region,)
-        if view.policy.hysteresis and same_view and same_crowd and frame.plan_row is None:
-            frame = hold_levels(frame, same_frame.levels)
         display = Display(
             crowd_inputs=crowd_inputs,
             frame_inputs=view.inputs,
@@ -209,7 +202,7 @@ def _plan_frame(settings, view: _View, trajectory: Trajectory, bias: Bias | None
     request = Request(
         time=view.time, eyes=view.eyes, policy=view.policy, shutter=view.shutter, bias=bias
     )
-    frame, _ = hide(_faster.plan_of(trajectory, request), view.occluders)
+    frame, _ = hide(plan_of(trajectory, request), view.occluders)
     return use.applied(replace(frame, left_out=(*frame.left_out, *view.refused)))
 
 

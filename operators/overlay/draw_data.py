@@ -21,7 +21,6 @@ CULLED_SIZE = 0.6  # of a visible agent's
 # points: of a larger crowd every so many-th agent shows where it is culled, in all frames the same
 MOST_CULLED = 100_000
 WIDTH = 0.6  # of a point, in radii of the agent's sphere
-SHARES = 1024  # steps of a cross-fade
 GROUPS = 256  # at most
 
 
@@ -49,14 +48,12 @@ class Drawing:
 
     origin: (3,) float64, world meters, the camera's position.
     agents: (m, 8) float32, the instances, sorted by draw: x, y, z of the feet, heading, phase,
-        look, pitch, roll (radians); (m, 9) with their scale, where they are of several sizes. look
-        is 4 * color index + 2 + share. share selects the part of a dither pattern that is drawn:
-        above 0 the pattern below it, below 0 the rest, at 0 all.
+        color, pitch, roll (radians); (m, 9) with their scale, where they are of several sizes.
+        color is an index into `palette`.
     draws: (LOD, group, first instance, count) each, the finest LOD first.
     plays: the name of the action that each draw shows; () if all show their groups' own.
     palette: (p, 4) float32, linear.
     turn, materials: see Style.
-    fading: whether LODs cross-fade, so that a share may differ from 0.
     positions: (n, 3) float32, the points, at the centers of the agents' spheres: LOD 0 first,
         culled agents last.
     colors: (n, 4) float32, linear RGBA, of the points.
@@ -72,7 +69,6 @@ class Drawing:
     palette: np.ndarray
     turn: float
     materials: bool
-    fading: bool
     positions: np.ndarray
     colors: np.ndarray
     sizes: np.ndarray
@@ -82,17 +78,10 @@ class Drawing:
     plays: tuple[str, ...] = ()
 
 
-def drawing(
-    frame: Frame,
-    style: Style = Style(),
-    colors: Colors | None = None,
-    fades: tuple[np.ndarray, np.ndarray] | None = None,
-) -> Drawing:
+def drawing(frame: Frame, style: Style = Style(), colors: Colors | None = None) -> Drawing:
     """Return the Drawing of `frame`.
 
     colors: None for the colors of the LODs.
-    fades: (finer, share) of all agents, from crowd_lod.frame.cross_fade.fades_of; None for no
-        cross-fade.
     """
     crowd = frame.crowd
     origin = frame.camera.origin
@@ -105,7 +94,7 @@ def drawing(
     order = np.concatenate([frame.buckets.order[:visible], culled])
     group = crowd.group[order]
     agents, draws, plays = (
-        (np.empty((0, 8), np.float32), (), ()) if points else _instances(frame, colors, fades)
+        (np.empty((0, 8), np.float32), (), ()) if points else _instances(frame, colors)
     )
 
     positions = np.stack(
@@ -131,7 +120,6 @@ def drawing(
         palette=colors.palette,
         turn=style.turn,
         materials=style.materials,
-        fading=fades is not None and not points,
         positions=positions,
         colors=tints,
         sizes=sizes,
@@ -149,22 +137,11 @@ def _culled_agents(frame: Frame) -> np.ndarray:
     return agents[frame.culled[agents]]
 
 
-def _instances(
-    frame: Frame, colors: Colors, fades: tuple[np.ndarray, np.ndarray] | None
-) -> tuple[np.ndarray, tuple, tuple]:
-    """Return (agents, draws, plays) of a Drawing; cross-fading agents are in both LODs."""
+def _instances(frame: Frame, colors: Colors) -> tuple[np.ndarray, tuple, tuple]:
+    """Return (agents, draws, plays) of a Drawing."""
     crowd = frame.crowd
     order = frame.buckets.order
     levels = frame.buckets.levels
-    shares = np.zeros(len(order), np.float32)
-    if fades is not None:
-        finer, share = (values[order] for values in fades)
-        # so that both LODs hold it to the bit
-        share = (share * SHARES).round().clip(share > 0, SHARES - 1) / SHARES
-        fading = np.flatnonzero(share > 0)
-        levels = np.concatenate([finer, finer[fading] + np.uint8(1)])
-        shares = np.concatenate([-share, share[fading]])
-        order = np.concatenate([order, order[fading]])
     # a draw is a LOD of a group in an action: its number has them in this order
     draw = levels.astype(np.uint16) * np.uint16(GROUPS) + crowd.group[order]
     gaits = frame.trajectory.gaits
@@ -174,14 +151,13 @@ def _instances(
         draw = draw.astype(np.uint32) * np.uint32(actions) + action
     by_draw = np.argsort(draw, kind="stable")
     order = order[by_draw]
-    shares = shares[by_draw]
     numbers, first, count = np.unique(draw[by_draw], return_index=True, return_counts=True)
 
     agents = np.zeros((len(order), 8), np.float32)
     agents[:, 0], agents[:, 1], agents[:, 2] = crowd.places(None, order, frame.camera.origin)
     agents[:, 3] = crowd.heading[order]
     agents[:, 4] = frame.phase_of(order)
-    agents[:, 5] = 4.0 * colors.index[order] + 2.0 + shares
+    agents[:, 5] = colors.index[order]
     leaning = frame.trajectory.tilt(crowd, order)
     if leaning is not None:
         agents[:, 6], agents[:, 7] = leaning

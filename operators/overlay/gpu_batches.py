@@ -85,7 +85,6 @@ class Batches:
         self.draws = drawing.draws if cast is not None else ()
         self.materials = drawing.materials
         self.plays = drawing.plays or ("",) * len(drawing.draws)
-        self.fading = drawing.fading
         self._uploads: dict[str, tuple] = {}
         if self.draws:
             self.agents = self._upload(
@@ -164,20 +163,20 @@ def _line_batch(lines: np.ndarray, colors: np.ndarray) -> "GPUBatch | None":
 def _agent_texture(agents: np.ndarray, turn: np.ndarray) -> "GPUTexture":
     """Return the texture of instances, three texels each, shader_programs.TEXELS to a row.
 
-    The texels hold what each vertex would have to compute anew: axes, position, phase, look and
+    The texels hold what each vertex would have to compute anew: axes, position, phase, color and
     scale.
 
     agents: (m, 8) or (m, 9) float32, of a Drawing.
     turn: () radians, of a Drawing.
     """
     m = len(agents)
-    (heading, phase, look, pitch, roll, *scale) = agents.T[3:]
+    (heading, phase, color, pitch, roll, *scale) = agents.T[3:]
     rows = -(-3 * m // shader_programs.TEXELS)
     texels = np.zeros((rows * shader_programs.TEXELS, 4), np.float32)
     first, second, third = (texels[k : 3 * m : 3] for k in range(3))
     first[:, :3] = agents[:, :3]
     first[:, 3] = phase
-    second[:, 3] = look
+    second[:, 3] = color
     third[:, 3] = scale[0] if scale else 1.0
     second[:, :3], third[:, :3] = axes(heading, pitch, roll, float(turn))
     return _texture(texels.reshape(rows, shader_programs.TEXELS, 4))

@@ -123,7 +123,7 @@ def _paint_meshes(batches: Batches, matrix: np.ndarray, view: np.ndarray) -> Non
             continue
         kind = cast.kind(level, group)
         if kind != bound_kind:
-            shader = shader_programs.meshes(kind, materials, batches.fading)
+            shader = shader_programs.meshes(kind, materials)
             bound_kind = kind
             shader.bind()
             shader.uniform_block("view", batches.view)

@@ -10,6 +10,7 @@ import numpy as np
 from ...crowd_lod.format import counted, number
 from ...crowd_lod.frame.agent_under_cursor import Account
 from ...crowd_lod.frame.frame import Frame
+from ...crowd_lod.frame.reasons import DISTANCE, NEAR_ENOUGH, REASONS
 from ..blender.color_space import to_srgb
 from . import shader_programs
 from .agent_colors import Colors
@@ -38,6 +39,7 @@ LEAST = 8.0  # nominal pixels, the ring's least radius
 CORNERS = 48
 NARROWEST = 120.0  # nominal pixels, below which nothing is written
 MOST_NAMES = 12  # of a legend
+BY_DISTANCE = REASONS[NEAR_ENOUGH], REASONS[DISTANCE]  # reasons that the depth tells
 
 
 @dataclass(frozen=True)
@@ -54,14 +56,12 @@ class Line:
 def figures(
     frame: Frame,
     colors: Colors,
-    account: Account | None = None,
     notes: Sequence[str] = (),
     worst: float | None = None,
 ) -> tuple[Line, ...]:
     """Return the overlay's lines of text about `frame`, with the legend of its colors.
 
     colors: of the agents.
-    account: of the picked agent, or None.
     notes: sentences for the user.
     worst: pixels by which LODs in sight deviate at most; None if that is not known.
     """
@@ -84,13 +84,6 @@ def figures(
         lines.append(Line(f"Triangles  {share(frame.triangles, frame.full_triangles)} without LOD"))
     if worst is not None:
         lines.append(Line(f"Largest error  {number(worst)} px"))
-    if account is not None:
-        lines.append(
-            Line(
-                ", ".join(f"{name}: {value}" for name, value in describe(account)),
-                colors.of_agent(account.agent, account.visible),
-            )
-        )
     if frame.dropped:
         lines.append(
             Line(
@@ -114,20 +107,18 @@ def legend(colors: Colors) -> list[Line]:
     return [*lines, Line(f"and {more} more")] if more > 0 else lines
 
 
-def describe(account: Account) -> list[tuple[str, str]]:
-    """Return an agent's account as (name, value) pairs of text."""
-    unknown = "-" if account.pixels is None else "not measured"
-    return [
-        ("Agent", f"{account.agent:,}"),
-        ("Group", account.group),
-        ("State", account.state),
-        ("Shown" if account.visible else "Culled", account.reason),
-        ("LOD", str(account.level)),
-        *([("Shot plan", account.planned)] if account.planned else []),
-        ("Depth", f"{account.depth:.4g} m"),
-        ("Size", "-" if account.pixels is None else f"{account.pixels:.3g} pixels"),
-        ("LOD error", unknown if account.error is None else f"{account.error:.2g} pixels"),
-    ]
+def line_of(account: Account, colors: Colors) -> Line:
+    """Return the line about the picked agent, in its color."""
+    return Line(describe(account), colors.of_agent(account.agent, account.visible))
+
+
+def describe(account: Account) -> str:
+    """Return an agent's LOD, depth and error, or why it is culled."""
+    if not account.visible:
+        return f"Agent {account.agent:,}, culled: {account.reason}"
+    why = "" if account.reason in BY_DISTANCE else f" ({account.reason})"
+    off = "" if account.error is None else f", {account.error:.2g} px"
+    return f"Agent {account.agent:,}, LOD {account.level}{why}: {account.depth:.3g} m away{off}"
 
 
 def share(drawn: int, full: int) -> str:

@@ -85,23 +85,19 @@ def _compiled(info, name: str, *shared: str) -> "GPUShader":
 
 
 @cache
-def meshes(kind: str, materials: bool, fading: bool) -> "GPUShader":
+def meshes(kind: str, materials: bool) -> "GPUShader":
     """Return the program that draws instances of LOD meshes or of rigid boxes.
 
     kind, materials: see mesh_interface.
-    fading: whether instances may be dithered for a cross-fade.
     """
     from gpu.types import GPUStageInterfaceInfo
 
     info = mesh_interface(kind, materials)
-    between = GPUStageInterfaceInfo(f"crowd_lod_mesh_{kind}_{materials:d}{fading:d}")
+    between = GPUStageInterfaceInfo(f"crowd_lod_mesh_{kind}_{materials:d}")
     between.smooth("VEC3", "lit")
     if materials:
         between.smooth("VEC3", "image_at")
         info.sampler(3, "FLOAT_2D_ARRAY", "images")
-    if fading:
-        info.define("FADING", "1")
-        between.flat("FLOAT", "share")
     info.vertex_out(between)
     info.fragment_out(0, "VEC4", "result")
     return _compiled(info, "mesh", "common.glsl")

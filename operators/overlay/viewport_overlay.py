@@ -165,9 +165,13 @@ def _draw_figures(context) -> None:
     if account is not None:
         hud.ring(display.frame, account.agent, region, ui_scale)
     legend = box[0], box[3]
-    if settings.hud and main:
+    lines: tuple[hud.Line, ...] = ()
+    if settings.hud:
         notes = (*display.notes, *filter(None, [steps_back(context)]))
-        lines = hud.figures(display.frame, display.colors, account, notes, display.worst)
+        lines = hud.figures(display.frame, display.colors, notes, display.worst)
+    if account is not None:
+        lines = (*lines, hud.line_of(account, display.colors))
+    if lines and main:
         legend = hud.write(lines, box, ui_scale)
     if above is not None:
         inset.show(above, box, legend, ui_scale, scene_data.meters(scene))

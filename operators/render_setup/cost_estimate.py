@@ -1,4 +1,4 @@
-"""The cost of builds of a scene: full detail, LODs by ratio, LODs by tolerance."""
+"""The cost of builds of a scene: full detail, LODs by distance, LODs by tolerance."""
 
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import nullcontext, suppress
@@ -52,7 +52,7 @@ from .render_setup import check_levels
 from .scaled_textures import bytes_of, shown_images
 
 FULL = "Full Detail"
-CHOICES = {"BY_RATIO": "By Ratio", "BY_TOLERANCE": "By Tolerance"}
+CHOICES = {"BY_RATIO": "By Distance", "BY_TOLERANCE": "By Tolerance"}
 LEAST_HIDDEN = 0.1  # part of the agents in the picture below which hiding them gains little
 LEAST_IN_CYCLES = 10_000  # hidden agents of a frame: 17 MB and 0.1 s (docs/notes/occlusion.md)
 
@@ -171,7 +171,7 @@ class Estimate:
 def choices_of(settings) -> dict[str, Choice]:
     """Return the choices of LODs of a crowd with these settings, by their names.
 
-    They are: full detail; by ratio, from the settings; and by tolerance, with the LOD meshes that
+    They are: full detail; by distance, from the settings; and by tolerance, with the LOD meshes that
     there are. CrowdError if LOD meshes are not made.
     """
     groups = groups_of(settings)

@@ -121,13 +121,13 @@ def _measurements(
         views, spheres.center, spheres.radius, policy.margin, repeats
     )
     levels = error_vs_runtime.compare_levels(
-        views, spheres.center, spheres.radius, _policies(policy), policy.metric, repeats
+        views, spheres.center, spheres.radius, _by_distance(policy), repeats
     )
     return {
         "behavior": _Measurement(steps, 15, 0.6),
         "drift": _Measurement(drifts, 12, 0.1),
         "culling": _Measurement(culling, 17, 0.15),
-        "levels": _Measurement(levels, 36, 0.15),
+        "levels": _Measurement(levels, 12, 0.15),
     }
 
 
@@ -147,31 +147,12 @@ def _collect(
     return tables
 
 
-def _policies(policy: LevelPolicy) -> list[LevelPolicy]:
-    """Return the scene's policy under each metric.
-
-    Where its own thresholds do not fit a metric, example thresholds are used, equal for all groups.
-    """
-    is_pixels = policy.metric == "PIXELS"
+def _by_distance(policy: LevelPolicy) -> LevelPolicy:
+    """Return the scene's policy with thresholds; with examples of them, if it has a tolerance."""
+    if policy.tolerance is None:
+        return policy
     parts = tuple((k + 1) / policy.count for k in range(policy.count - 1))
-    pixels = tuple(200 / 2**k for k in range(policy.count - 1))
-    if not is_pixels:
-        parts = policy.thresholds
-    elif policy.tolerance is None:
-        pixels = policy.thresholds
-    policies = []
-    for metric in ("AXIS", "RADIAL", "PIXELS"):
-        fits = (metric == "PIXELS") == is_pixels and policy.tolerance is None
-        policies.append(
-            replace(
-                policy,
-                tolerance=None,
-                metric=metric,
-                thresholds=pixels if metric == "PIXELS" else parts,
-                group_thresholds=policy.group_thresholds if fits else (),
-            )
-        )
-    return policies
+    return replace(policy, tolerance=None, thresholds=parts, group_thresholds=())
 
 
 def machine_name() -> str:

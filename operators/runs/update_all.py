@@ -35,7 +35,7 @@ from ..sources.crowd_sources import live
 
 # About how many seconds each step takes, for the progress.
 SEARCHED = 10.0  # the LODs of a character by tolerance
-MADE = 3.0  # by ratio
+MADE = 3.0  # by distance
 REPORTED = 1.5  # a plan's report and files
 PLANNED = 3.5e-7  # an agent in a frame
 BUILT = 2.0

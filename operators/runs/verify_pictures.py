@@ -43,7 +43,7 @@ def small(scene: bpy.types.Scene, size: tuple[int, int]) -> Iterator[None]:
     """Set the size of renders, (width, height) pixels, and restore it afterwards.
 
     The pictures show no more than those of the scene's own size, for which agents are culled: the
-    same window, a pixel filter that reaches as far, and of a render border whole pixels only.
+    same window, and a pixel filter that reaches as far.
     """
     render = scene.render
     width, height = size
@@ -56,13 +56,6 @@ def small(scene: bpy.types.Scene, size: tuple[int, int]) -> Iterator[None]:
         taller = width * own_height / (own_width * height)  # the pixels, than the scene's own
         render.pixel_aspect_x *= max(1 / taller, 1.0)
         render.pixel_aspect_y *= max(taller, 1.0)
-        for axis, count in (("x", width), ("y", height)):
-            first, last = (
-                getattr(render, f"border_{end}_{axis}") * count for end in ("min", "max")
-            )
-            # a little inside, for Blender takes every pixel that the border touches
-            setattr(render, f"border_min_{axis}", (np.ceil(first - 1e-3) + 1e-3) / count)
-            setattr(render, f"border_max_{axis}", (np.floor(last + 1e-3) - 1e-3) / count)
         yield
 
 

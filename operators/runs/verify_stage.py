@@ -62,14 +62,13 @@ def set_up_cycles(scene: bpy.types.Scene, task: Verify) -> tuple[int, int]:
     filmed = (
         render.use_motion_blur,
         render.use_multiview and PAIRS,
-        render.use_border and scene.crowd_lod.cull_to_border,
     )
     scene_size = [getattr(render, name) for name in SIZE]
     set_up(scene, Preview(task.frames, task.folder, task.width, "CYCLES", "MATERIAL"))
     size = render.resolution_x, render.resolution_y
     for name, value in zip(SIZE, scene_size, strict=True):
         setattr(render, name, value)
-    render.use_motion_blur, render.use_multiview, render.use_border = filmed
+    render.use_motion_blur, render.use_multiview = filmed
     render.motion_blur_shutter = min(render.motion_blur_shutter, LONGEST_SHUTTER)
     render.image_settings.views_format = "INDIVIDUAL"
     render.engine = "CYCLES"

@@ -72,7 +72,6 @@ def read_surroundings(
         tuple(mirrors),
         box,
         occluders,
-        settings.unseen_level,
         (*left_out, *refused),
         policy_of(settings).finest,
         tuple(group.name in glows for group in settings.groups) if glows else (),

@@ -82,7 +82,6 @@ def policy_of(settings, choice: str = "") -> LevelPolicy:
         if tolerant
         else _thresholds(settings, settings),
         group_thresholds=tuple(group_thresholds) if any(group_thresholds) else (),
-        metric="PIXELS" if tolerant else settings.metric,
         tolerance=round(max(settings.tolerance, settings.memory_tolerance), 6)
         if tolerant
         else None,
@@ -90,15 +89,13 @@ def policy_of(settings, choice: str = "") -> LevelPolicy:
         if tolerant and settings.memory_tolerance
         else (),
         margin=settings.margin if settings.margin_kind == "FIXED" else None,
-        drop_lost=settings.drop_lost,
         shading=tolerant and settings.shading_counts,
     )
 
 
 def _thresholds(owner, settings) -> tuple[float, ...]:
-    """Return the thresholds of `owner`, settings or group, for the settings' metric."""
-    chosen = owner.sizes if settings.metric == "PIXELS" else owner.thresholds
-    return tuple(round(t, 6) for t in chosen[: settings.level_count - 1])
+    """Return the thresholds of `owner`, settings or group."""
+    return tuple(round(t, 6) for t in owner.thresholds[: settings.level_count - 1])
 
 
 def trajectory_of(

@@ -3,7 +3,6 @@
 import bpy
 
 from ...crowd_lod.crowd.agents import MOST_AGENTS
-from ...crowd_lod.levels.assignment import MOST_LEVELS
 from ..blender.labeled_properties import (
     BoolProperty,
     CollectionProperty,
@@ -165,13 +164,6 @@ class CrowdSettings:
         unit="LENGTH",
         description="Distance between neighbors, which then fixes how many agents there are; 0 to "
         "place as many as Agents says",
-    )
-    jitter: FloatProperty(
-        name="Jitter",
-        min=0,
-        max=1,
-        subtype="FACTOR",
-        description="Part of the distance by which agents stand out of line",
     )
     rows: IntProperty(
         update=outdate,
@@ -335,14 +327,6 @@ class CrowdLodCrowd(*CROWD, bpy.types.PropertyGroup):
 class CameraSettings:
     """What the camera culls."""
 
-    cull_to_border: BoolProperty(
-        name="Cull to Render Region",
-        description="Leave out what lies outside the render region, where one is set",
-    )
-    drop_lost: BoolProperty(
-        name="Drop Lost Agents",
-        description="Leave out agents at NaN or infinity, and count them, instead of stopping",
-    )
     margin_kind: EnumProperty(
         name="Margin",
         description="By how much the camera's frustum is widened, for characters that reach into "
@@ -384,12 +368,4 @@ class CameraSettings:
         name="Hides Nobody",
         description="Collection of scenery that hides no characters, such as what compositing "
         "takes out",
-    )
-    unseen_level: IntProperty(
-        name="LOD If Unseen",
-        default=MOST_LEVELS - 1,
-        min=0,
-        max=MOST_LEVELS - 1,
-        description="Level of detail of characters kept for their shadow or reflection alone, or "
-        "the coarsest there is",
     )

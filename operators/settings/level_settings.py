@@ -32,7 +32,6 @@ METHODS = (
     ),
     ("DECIMATE", "Decimate Modifier", "Blender's own, which looks at the rest pose; it is quicker"),
 )
-SIZES = (200, 80, 40, 20, 10, 5, 2)
 THRESHOLDS = (0.15, 0.4, 0.6, 0.7, 0.8, 0.9, 1.0)
 
 
@@ -170,7 +169,7 @@ class CrowdLodGroup(bpy.types.PropertyGroup):
         name="Own Thresholds", description="This group has LOD distances of its own"
     )
     thresholds: FloatVectorProperty(
-        update=push("thresholds"),
+        update=push,
         name="Threshold",
         precision=3,
         size=MOST_LEVELS - 1,
@@ -178,14 +177,6 @@ class CrowdLodGroup(bpy.types.PropertyGroup):
         max=1,
         default=THRESHOLDS,
         description="Part of the camera's far distance at which this group's next LOD begins",
-    )
-    sizes: FloatVectorProperty(
-        update=push("sizes"),
-        name="Size",
-        size=MOST_LEVELS - 1,
-        min=0.01,
-        default=SIZES,
-        description="Height of this group's character in pixels below which its next LOD begins",
     )
 
 
@@ -200,7 +191,7 @@ class LevelSettings:
         items=[
             (
                 "BY_RATIO",
-                "By Ratio",
+                "By Distance",
                 "Set how many LODs there are, what they keep and where they begin",
             ),
             (
@@ -267,7 +258,7 @@ class LevelSettings:
         name="Decimation", description="How the LOD meshes are made", items=METHODS
     )
     thresholds: FloatVectorProperty(
-        update=push("thresholds"),
+        update=push,
         name="Threshold",
         precision=3,
         size=MOST_LEVELS - 1,
@@ -275,24 +266,6 @@ class LevelSettings:
         max=1,
         default=THRESHOLDS,
         description="Part of the camera's far distance at which the next LOD begins",
-    )
-    metric: EnumProperty(
-        update=outdate,
-        name="Distance",
-        description="How the distance that chooses an agent's LOD is measured",
-        items=[
-            ("AXIS", "Along the View", "Depth, which size on screen depends on"),
-            ("RADIAL", "From the Camera", "Straight distance; panoramic cameras always use it"),
-            ("PIXELS", "By Size in Pixels", "Size in the picture, so that a zoom changes the LOD"),
-        ],
-    )
-    sizes: FloatVectorProperty(
-        update=push("sizes"),
-        name="Size",
-        size=MOST_LEVELS - 1,
-        min=0.01,
-        default=SIZES,
-        description="Height of a character in pixels below which the next LOD begins",
     )
     bias_image: PointerProperty(
         type=bpy.types.Image,

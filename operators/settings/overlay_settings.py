@@ -1,6 +1,6 @@
 """Settings of the overlay in the viewport."""
 
-from ..blender.labeled_properties import BoolProperty, EnumProperty, FloatProperty, IntProperty
+from ..blender.labeled_properties import BoolProperty, EnumProperty, IntProperty
 from .shot_settings import COLORS
 
 OVERLAY_COLORS = (
@@ -64,20 +64,4 @@ class OverlaySettings:
         default=True,
         description="Show culled agents as faint points; of a crowd of more than 100,000 every "
         "second, third, and so on",
-    )
-    overlay_fade: FloatProperty(
-        name="Cross-Fade",
-        min=0,
-        max=0.5,
-        subtype="FACTOR",
-        description="Part of a LOD's distance over which it dissolves into the next one, in a "
-        "dither pattern; 0 switches at once",
-    )
-    hysteresis: FloatProperty(
-        name="Hysteresis",
-        min=0,
-        max=0.5,
-        subtype="FACTOR",
-        description="How far an agent must pass a LOD's distance before it changes LOD in the "
-        "overlay, as a part of that distance. Preview and build have none",
     )

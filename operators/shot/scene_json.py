@@ -118,7 +118,6 @@ def _levels_of(stage: bpy.types.Scene, characters: list[dict]) -> dict[str, Any]
     settings = stage.crowd_lod
     policy = policy_of(stage.crowd_lod)
     return {
-        "metric": policy.metric,
         "margin": policy.margin and policy.margin * scene_data.meters(stage),
         "tolerance": policy.tolerance,
         "budget": budget_words(settings) if budget_of(settings) != Budget() else None,
@@ -129,7 +128,6 @@ def _levels_of(stage: bpy.types.Scene, characters: list[dict]) -> dict[str, Any]
         else None,
         "thresholds": list(policy.thresholds) if policy.tolerance is None else None,
         "group_thresholds": [list(own) for own in policy.group_thresholds],
-        "drop_lost": policy.drop_lost,
         "tints": TINTS[: policy.count],
         "characters": characters,
         "dropped": settings.dropped.splitlines(),

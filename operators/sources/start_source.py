@@ -68,7 +68,7 @@ def places_of(crowd, area: Area) -> Places | None:
     if crowd.start_on == "RECTANGLE":
         return None
     if crowd.start_on == "GRID":
-        return start_places.on_grid(area, crowd.count, crowd.seed, spacing_of(crowd))
+        return start_places.on_grid(area, crowd.count, spacing_of(crowd))
     mesh = crowd.start_places
     if mesh is None or HEADING not in mesh.attributes:
         raise CrowdError(_undrawn(crowd))
@@ -85,9 +85,7 @@ def places_of(crowd, area: Area) -> Places | None:
 
 def spacing_of(crowd) -> Spacing:
     """Return how the crowd's agents stand in a grid or in rows."""
-    return Spacing(
-        crowd.spacing, crowd.jitter, crowd.rows, crowd.row_depth, crowd.row_rise, crowd.row_turn
-    )
+    return Spacing(crowd.spacing, crowd.rows, crowd.row_depth, crowd.row_rise, crowd.row_turn)
 
 
 def places_inputs(crowd) -> tuple:
@@ -212,9 +210,7 @@ def _in_any(volumes: list, depsgraph: bpy.types.Depsgraph, points: np.ndarray, *
 
 
 def _along_curves(crowd, item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Places:
-    return start_places.in_rows(
-        list(_curves(item, depsgraph)), crowd.count, crowd.seed, spacing_of(crowd)
-    )
+    return start_places.in_rows(list(_curves(item, depsgraph)), crowd.count, spacing_of(crowd))
 
 
 def _curves(

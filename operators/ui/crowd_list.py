@@ -155,8 +155,7 @@ def draw_start(layout, crowd) -> None:
         for name in ("density_image", "density_volumes"):
             layout.prop(crowd, name)
     if crowd.start_on in ("GRID", "CURVES"):
-        for name in ("spacing", "jitter"):
-            layout.prop(crowd, name)
+        layout.prop(crowd, "spacing")
     if crowd.start_on == "CURVES":
         for name in ("rows", "row_depth", "row_rise", "row_turn"):
             layout.prop(crowd, name)

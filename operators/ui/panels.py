@@ -1,7 +1,7 @@
 """The panels of the crowd and its LODs, a step of the work each. They only draw.
 
-Their height does not change while one works: figures, messages and the account of an agent are in
-popovers and in the viewport; what does not apply is grayed.
+Their height does not change while one works: figures and messages are in popovers and in the
+viewport; what does not apply is grayed.
 """
 
 from textwrap import shorten
@@ -236,9 +236,6 @@ class CROWDLOD_PT_culling(Step, bpy.types.Panel):
         active_column(layout, settings.margin_kind == "FIXED").prop(
             settings, "margin", text="Distance", translate=False
         )
-        wide(active_column(layout, context.scene.render.use_border), settings, "cull_to_border")
-        wide(layout, settings, "drop_lost")
-        active_column(layout, settings.shadows).prop(settings, "unseen_level")
         wide(layout, settings, "occlusion")
         active_column(layout, settings.occlusion).prop(settings, "see_through")
 
@@ -298,9 +295,6 @@ class CROWDLOD_PT_levels(Step, bpy.types.Panel):
             if level == 0:
                 label(row, "near")
                 label(row, "")
-            elif settings.metric == "PIXELS":
-                row.prop(settings, "sizes", index=level - 1, text="")
-                label(row, "pixels")
             else:
                 row.prop(settings, "thresholds", index=level - 1, text="")
                 label(row, length(context, far * settings.thresholds[level - 1]) if far else "?")
@@ -335,12 +329,7 @@ class CROWDLOD_PT_own_thresholds(Step, bpy.types.Panel):
             row = layout.row(align=True)
             row.active = group.own_thresholds
             for level in range(settings.level_count - 1):
-                row.prop(
-                    group,
-                    "sizes" if settings.metric == "PIXELS" else "thresholds",
-                    index=level,
-                    text="",
-                )
+                row.prop(group, "thresholds", index=level, text="")
 
 
 class CROWDLOD_PT_decimation(Step, bpy.types.Panel):
@@ -348,7 +337,6 @@ class CROWDLOD_PT_decimation(Step, bpy.types.Panel):
     bl_parent_id = "CROWDLOD_PT_levels"
 
     def body(self, context, layout, settings) -> None:
-        active_column(layout, settings.choice == "BY_RATIO").prop(settings, "metric")
         layout.prop(settings, "method")
         active_column(layout, settings.choice == "BY_TOLERANCE").prop(settings, "shading_counts")
         wide(layout, settings, "hidden_surface_counts")
@@ -366,24 +354,20 @@ class CROWDLOD_PT_overlay(Step, bpy.types.Panel):
 
     def body(self, context, layout, settings) -> None:
         column = active_column(layout, settings.overlay)
-        for name in ("overlay_camera", "overlay_mode", "overlay_color", "hud", "inset"):
+        for name in (
+            "overlay_camera",
+            "overlay_mode",
+            "overlay_color",
+            "overlay_culled",
+            "hud",
+            "inset",
+        ):
             column.prop(settings, name)
         row = column.row(align=True)
         row.prop(settings, "agent")
         row.operator("crowd_lod.inspect", text="", icon="EYEDROPPER")
-        row.popover("CROWDLOD_PT_agent", text="", icon="INFO")
         draw_edits(column)
         column.operator("crowd_lod.render_viewport", icon="RENDER_STILL")
-
-
-class CROWDLOD_PT_drawing(Step, bpy.types.Panel):
-    bl_label = "Advanced"
-    bl_parent_id = "CROWDLOD_PT_overlay"
-
-    def body(self, context, layout, settings) -> None:
-        column = active_column(layout, settings.overlay)
-        for name in ("overlay_culled", "overlay_fade", "hysteresis"):
-            column.prop(settings, name)
 
 
 CLASSES = (
@@ -403,5 +387,4 @@ CLASSES = (
     CROWDLOD_PT_own_thresholds,
     CROWDLOD_PT_decimation,
     CROWDLOD_PT_overlay,
-    CROWDLOD_PT_drawing,
 )

@@ -1,4 +1,4 @@
-"""Popovers: statistics, messages, LOD meshes, the account of an agent."""
+"""Popovers: statistics, messages, LOD meshes."""
 
 import bpy
 
@@ -11,7 +11,7 @@ from ..characters.stored_groups import count_of
 from ..characters.take_action import TAKE_ACTION
 from ..lod_meshes.level_objects import GIVEN
 from ..overlay import viewport_overlay
-from ..overlay.hud import STAGES, describe, share
+from ..overlay.hud import STAGES, share
 from ..scene.obstacles import WALLS
 from ..settings.budgets import budget_of, possible_budgets
 from . import steps
@@ -140,19 +140,6 @@ class CROWDLOD_PT_messages(_Popover, bpy.types.Panel):
                 button(self.layout, "crowd_lod.walls_from_selection", icon="MOD_BUILD")
 
 
-class CROWDLOD_PT_agent(_Popover, bpy.types.Panel):
-    """Why the picked agent is shown or culled, its LOD, and the pixels that the LOD costs"""
-
-    bl_label = "Agent"
-
-    def draw(self, context) -> None:
-        account = viewport_overlay.account_of(context.scene)
-        if account is None:
-            label(self.layout, "Pick an agent with the eyedropper", "EYEDROPPER")
-        else:
-            table(self.layout, ("Agent", f"{account.agent:,}"), describe(account)[1:])
-
-
 class CROWDLOD_PT_error_curve(_Popover, bpy.types.Panel):
     """What the frame takes that takes most, by the pixels that LODs may deviate"""
 
@@ -178,6 +165,5 @@ class CROWDLOD_PT_error_curve(_Popover, bpy.types.Panel):
 CLASSES = (
     CROWDLOD_PT_statistics,
     CROWDLOD_PT_messages,
-    CROWDLOD_PT_agent,
     CROWDLOD_PT_error_curve,
 )

@@ -130,7 +130,7 @@ def test_the_command_bakes_a_file_and_says_its_size(levelled, tmp_path, capfd):
     result = json.loads(capfd.readouterr().out)
     assert (
         result["predicted"]["Full Detail"]["time_share"] == 1
-        and result["predicted"]["By Ratio"]["memory_mb"] > 0
+        and result["predicted"]["By Distance"]["memory_mb"] > 0
     )
     assert (
         result["frames"] == [9, 10, 11]

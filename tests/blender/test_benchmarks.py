@@ -193,4 +193,4 @@ def test_goals_name_the_rows_that_miss_them(bench):
         f"file 1.1 (CYCLES, {row['crowd']}, 1,000 agents)",
         "",
     ]
-    assert worth.judged([{**good, "way": "by ratio", "file": 9.0}, {**good, "time": None}]) == []
+    assert worth.judged([{**good, "way": "by distance", "file": 9.0}, {**good, "time": None}]) == []

@@ -349,24 +349,6 @@ def test_every_panoramic_type_has_the_density_that_cycles_renders(scene, tmp_pat
         assert camera.pixels_per_unit == pytest.approx(seen, rel=0.08), item.identifier
 
 
-def test_render_border_is_an_option(scene):
-    render = scene.render
-    render.use_border = True
-    render.border_min_x = 0.25
-    render.border_max_x = 0.5
-    render.border_min_y = 0.1
-    render.border_max_y = 0.4
-    whole = cameras.read_cameras(scene, depsgraph_of(scene))[0]
-    scene.crowd_lod.cull_to_border = True
-    part = cameras.read_cameras(scene, depsgraph_of(scene))[0]
-    assert part.window != whole.window
-    for corner, (x, y) in zip(
-        frustum_corners(part, 10.0), ((0.25, 0.1), (0.5, 0.1), (0.5, 0.4), (0.25, 0.4)), strict=True
-    ):
-        at = world_to_camera_view(scene, scene.camera, Vector(corner))
-        assert (at.x, at.y) == pytest.approx((x, y), abs=1e-4)
-
-
 def test_depth_of_field_widens_the_view(scene):
     data = scene.camera.data
     data.dof.use_dof = True

@@ -251,17 +251,6 @@ def clipped(start, end):
     return set_up
 
 
-def bordered(scene):
-    """Its edges lie within pixels, which are rendered whole."""
-    render = scene.render
-    render.use_border = scene.crowd_lod.cull_to_border = True
-    render.border_min_x = 0.27
-    render.border_max_x = 0.74
-    render.border_min_y = 0.22
-    render.border_max_y = 0.68
-    scene.cycles.pixel_filter_type = "BOX"
-
-
 def open_lens(scene):
     dof = scene.camera.data.dof
     dof.use_dof = True
@@ -303,7 +292,6 @@ WAYS = {
     "far": clipped(2.0, 1e9),
     "near and far": clipped(1e-6, 1e9),
     "thin": clipped(5.0, 5.5),
-    "border": bordered,
     "depth of field": open_lens,
     "box": filtered("BOX", 1.5),
     "Gaussian": filtered("GAUSSIAN", 4.0),

@@ -49,7 +49,7 @@ def test_work_is_what_the_depsgraph_shows(levelled, known, planned):
         bpy.ops.crowd_lod.plan_shot()
     found = finished(estimate(scene, scene.crowd_lod, frames, known=known))
     assert list(found.looked_at) == frames and FULL in found.works and found.costs.engine == "EEVEE"
-    work = found.works["By Ratio"]
+    work = found.works["By Distance"]
     finished(bake.bake(scene, frames) if known else render_setup.build(scene))
     top = scene.crowd_lod.build
     for f, number in enumerate(frames):
@@ -70,7 +70,7 @@ def test_work_is_what_the_depsgraph_shows(levelled, known, planned):
     assert (whole.instances == work.instances).all() and (whole.instanced > work.instanced).all()
     assert (
         found.prices[FULL].memory > 0
-        and "By Ratio" in found.sentence
+        and "By Distance" in found.sentence
         and len(found.table.splitlines()) == 1 + len(found.works)
     )
 
@@ -86,8 +86,8 @@ def test_the_button_fills_the_table_and_asks_for_lod_meshes(scene):
     rows = [line.split("\t") for line in scene.crowd_lod.estimate.splitlines()]
     assert [row[0] for row in rows][1:] == [
         FULL,
-        "By Ratio",
-        "By Ratio, Baked",
+        "By Distance",
+        "By Distance, Baked",
         "By Tolerance",
         "Farm Task",
         "USD",

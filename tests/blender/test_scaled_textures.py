@@ -146,7 +146,7 @@ def test_images_are_in_what_builds_are_said_to_cost(crowd):
     for known in (False, True):
         works = finished(estimate(crowd, crowd.crowd_lod, [1], known)).works
         cast = finished(bake.bake(crowd, [1]) if known else render_setup.build(crowd))
-        assert works[FULL].images == 4 * SIZE**2 and works["By Ratio"].images == cast.images[1]
+        assert works[FULL].images == 4 * SIZE**2 and works["By Distance"].images == cast.images[1]
 
 
 @pytest.mark.once

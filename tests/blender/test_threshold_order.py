@@ -1,4 +1,4 @@
-"""Thresholds and sizes push their neighbors along, so that no drag leads to an error."""
+"""Thresholds push their neighbors along, so that no drag leads to an error."""
 
 import bpy
 import numpy as np
@@ -9,12 +9,11 @@ NAN = float("nan")
 INF = float("inf")
 
 
-def drag(owner, name, index, values):
+def drag(owner, index, values):
     """What a slider does: it sets the value again and again."""
     for value in values:
-        getattr(owner, name)[index] = value
-        for owner.id_data.crowd_lod.metric in ("AXIS", "PIXELS"):
-            policy_of(owner.id_data.crowd_lod)
+        owner.thresholds[index] = value
+        policy_of(owner.id_data.crowd_lod)
 
 
 @pytest.fixture
@@ -34,23 +33,16 @@ def owner(request, settings):
 
 
 def test_a_dragged_threshold_takes_the_others_along(owner, settings):
-    drag(owner, "thresholds", 0, np.linspace(0.15, 0.65, 51))
+    drag(owner, 0, np.linspace(0.15, 0.65, 51))
     assert (
         owner.thresholds[:4] == pytest.approx((0.65, 0.651, 0.652, 0.7)) and settings.estimate == ""
     )
-    drag(owner, "thresholds", 2, np.linspace(0.652, 0.3, 40))
+    drag(owner, 2, np.linspace(0.652, 0.3, 40))
     assert owner.thresholds[:4] == pytest.approx((0.298, 0.299, 0.3, 0.7))
-    drag(owner, "thresholds", 1, np.linspace(0.3, 1.0, 40))
+    drag(owner, 1, np.linspace(0.3, 1.0, 40))
     assert owner.thresholds[:3] == pytest.approx((0.298, 0.999, 1.0))
-    drag(owner, "thresholds", 2, np.linspace(1.0, 0.0, 40))
+    drag(owner, 2, np.linspace(1.0, 0.0, 40))
     assert owner.thresholds[:3] == pytest.approx((0.001, 0.002, 0.003))
-
-
-def test_a_dragged_size_takes_the_others_along(owner):
-    drag(owner, "sizes", 1, (80, 120, 199, 250, 4000))
-    assert owner.sizes[:4] == pytest.approx((4000.1, 4000, 40, 20))
-    drag(owner, "sizes", 0, (4000, 60, 0, -5))
-    assert owner.sizes[:3] == pytest.approx((0.21, 0.11, 0.01))
 
 
 def test_scripts_set_whole_arrays_and_slices(owner):
@@ -67,25 +59,22 @@ def test_scripts_set_whole_arrays_and_slices(owner):
     assert owner.thresholds[1] == np.float32(0.100002)
 
 
-@pytest.mark.parametrize("name, usual", [("thresholds", 0.4), ("sizes", 80)])
-def test_no_value_is_nan_or_infinite(owner, name, usual):
-    getattr(owner, name)[1] = NAN
-    assert getattr(owner, name)[1] == pytest.approx(usual)
-    drag(owner, name, 1, (INF, -INF, NAN, INF))
-    setattr(owner, name, (NAN,) * 7)
-    setattr(owner, name, (INF,) * 7)
-    assert np.isfinite(getattr(owner, name)).all()
+def test_no_value_is_nan_or_infinite(owner):
+    owner.thresholds[1] = NAN
+    assert owner.thresholds[1] == pytest.approx(0.4)
+    drag(owner, 1, (INF, -INF, NAN, INF))
+    owner.thresholds = (NAN,) * 7
+    owner.thresholds = (INF,) * 7
+    assert np.isfinite(owner.thresholds).all()
     policy_of(owner.id_data.crowd_lod)
 
 
 def test_more_levels_find_thresholds_that_leave_each_its_place(owner, settings):
     settings.level_count = 3
-    drag(owner, "thresholds", 1, (0.5, 0.9, 1.0))
-    drag(owner, "sizes", 1, (0.5, 0.01))
+    drag(owner, 1, (0.5, 0.9, 1.0))
     assert owner.thresholds[:2] == pytest.approx((0.15, 1.0))
     for settings.level_count in range(1, 9):
-        for settings.metric in ("AXIS", "PIXELS"):
-            assert policy_of(settings).count == settings.level_count
+        assert policy_of(settings).count == settings.level_count
 
 
 def test_each_change_updates_once_more_at_most(owner, monkeypatch):

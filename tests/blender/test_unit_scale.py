@@ -4,14 +4,14 @@ meters.
 
 import json
 import re
+from dataclasses import replace
 
 import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd.state_machine import preset_text
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.frame.explanation import explain_agent
-from crowd_lod_extension.crowd_lod.levels.cost_model import default_costs
+from crowd_lod_extension.crowd_lod.frame.agent_under_cursor import account
 from crowd_lod_extension.operators.blender import scene_data
 from crowd_lod_extension.operators.characters.stored_groups import groups_of
 from crowd_lod_extension.operators.cli import commands
@@ -183,9 +183,9 @@ def figures(scene, scale, source, folder):
         arrays[f"classes {number}"] = np.stack([crowd.phase_class, crowd.group, crowd.state])
         arrays[f"levels {number}"] = np.where(frame.visible, frame.levels, 99)
         for agent in (0, len(crowd) - 1):
-            account = explain_agent(frame, agent, default_costs("CYCLES"), scene_data.meters(scene))
-            texts[f"explain {number} {agent}"] = account.text
-            texts[f"HUD {number} {agent}"] = str(hud.describe(account.account))
+            told = account(frame, agent)
+            told = replace(told, depth=told.depth * scene_data.meters(scene))
+            texts[f"HUD {number} {agent}"] = hud.describe(told)
     groups = groups_of(scene.crowd_lod)
     arrays["triangles"] = np.array([group.triangles for group in groups])
     for name in ("center", "radius", "stride", "deviations", "bounds", "diagonal"):
@@ -279,7 +279,7 @@ def test_a_shot_plan_and_its_export_are_alike_in_every_unit(scaled, tmp_path):
         characters = scene.crowd_lod.characters
         characters.children.unlink(characters.children[0])
         assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
-        # by ratio: a search by tolerance may end with another LOD where the seventh digit differs
+        # by distance: a search by tolerance may end with another LOD where the seventh digit differs
         assert bpy.ops.crowd_lod.make_levels() == {"FINISHED"}
         scene.crowd_lod.choice = "BY_TOLERANCE"
         scene.crowd_lod.tolerance = 8.0

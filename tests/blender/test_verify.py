@@ -159,7 +159,6 @@ def test_displacement_is_no_false_alarm(lit, tmp_path, method):
 def test_a_fixed_margin_of_nothing_is_found_out(lit, tmp_path):
     lit.crowd_lod.margin_kind = "FIXED"
     lit.crowd_lod.margin = 0
-    lit.crowd_lod.unseen_level = 0
     for lamp in ("SUN", "POINT"):
         lit.objects[lamp].data.use_shadow = False
     lit.camera.data.lens = 80
@@ -201,13 +200,6 @@ def stereo(scene):
     scene.camera.data.stereo.interocular_distance = 6
 
 
-def bordered(scene):
-    scene.render.use_border = scene.crowd_lod.cull_to_border = True
-    scene.render.border_min_x = 0.3
-    scene.render.border_max_x = 0.6
-    scene.render.border_max_y = 0.8
-
-
 def parallel(scene):
     """Seen from above, off-center, by an orthographic camera; lit by an area lamp."""
     scene.camera.data.type = "ORTHO"
@@ -226,7 +218,7 @@ def plain(tmp_path_factory):
     return tmp_path_factory.mktemp("plain")
 
 
-@pytest.mark.parametrize("filmed", [blurred, stereo, bordered, parallel])
+@pytest.mark.parametrize("filmed", [blurred, stereo, parallel])
 def test_every_way_to_film_is_proven_as_it_is_rendered(lit, plain, tmp_path, filmed):
     if not (plain / "verify.json").exists():
         rendered(lit, plain)

@@ -2,6 +2,8 @@
 first principles.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
@@ -15,8 +17,10 @@ from crowd_lod_extension.crowd_lod.frame.agent_under_cursor import account, near
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.frame.planned import EXCEPTED, HIDDEN, PINNED, with_row
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
+from crowd_lod_extension.crowd_lod.sorting.buckets import Buckets
 
 SIZE = 640, 480
+NOBODY = Buckets(np.zeros(0, np.int32), np.zeros(4, np.intp))
 # 90 degrees wide, clipped at 1 and 100 m, from the origin along -z
 PERSPECTIVE = np.array(
     [[1.0, 0, 0, 0], [0, 4 / 3, 0, 0], [0, 0, -101 / 99, -200 / 99], [0, 0, -1, 0]]
@@ -102,71 +106,82 @@ def accounts(kind="PERSP", groups=GROUPS, row=None):
     world = edge_map(Area(-60, -60, 60, 60), machine.labels)
     frame = plan(Walk(crowd, machine, world, groups, 1 / 24), camera, policy, 1)
     frame = frame if row is None else with_row(frame, np.array(row, np.uint8))
-    return [account(frame, agent) for agent in range(n)], machine, frame
+    return [account(frame, agent) for agent in range(n)], frame
 
 
 def test_an_account_says_what_the_plan_made_of_an_agent():
-    found, machine, frame = accounts()
-    assert [each.level for each in found] == frame.levels.tolist() and found[
-        0
-    ].state == machine.states[0]
+    found, frame = accounts()
+    assert [each.level for each in found] == frame.levels.tolist()
     assert [each.agent for each in found] == list(range(len(AGENTS)))
-    assert [each.group for each in found] == [GROUPS[group].name for *_, group in AGENTS]
     assert [each.depth for each in found] == pytest.approx([y for _, y, _ in AGENTS])
     assert [each.visible for each in found] == [True, True, True, True, False, False, False]
     assert [each.reason for each in found] == [
-        "near enough", "far away", "far away", "far away", "outside the "
-                                                           "frustum", "clipped before the near "
-                                                                      "plane", "clipped beyond "
-                                                                               "the far plane"
-    ]  # fmt: skip
+        "near enough",
+        "far away",
+        "far away",
+        "far away",
+        "left of the frame",
+        "clipped before the near plane",
+        "clipped beyond the far plane",
+    ]
 
 
-def test_sizes_and_errors_are_in_pixels_of_the_picture():
-    found, _, _ = accounts()
+@pytest.mark.parametrize("kind", ["PERSP", "ORTHO"])
+@pytest.mark.parametrize(
+    ("place", "side"),
+    [
+        ((-50, 10, 0), "left of the frame"),
+        ((50, 10, 0), "right of the frame"),
+        ((0, 10, 60), "above the frame"),
+        ((0, 10, -60), "below the frame"),
+    ],
+)
+def test_an_agent_beside_the_frame_is_told_by_the_side(kind, place, side):
+    _, frame = accounts(kind)
+    x, y, z = (np.full(len(AGENTS), float(value)) for value in place)
+    away = replace(frame, crowd=replace(frame.crowd, x=x, y=y, z=z), buckets=NOBODY)
+    assert account(away, 0).reason == side
+
+
+def test_errors_are_in_pixels_of_the_picture():
+    found, _ = accounts()
     # 1000 pixels for 2 units: 500 pixels a meter at 1 m; the sphere's nearest point errs most
-    assert found[0].pixels == pytest.approx(2 * 500 / 5) and found[0].error == 0
-    assert found[1].pixels == pytest.approx(2 * 500 / 20) and found[1].error == pytest.approx(
-        0.02 * 500 / 19
-    )
-    assert found[2].pixels == pytest.approx(1 * 500 / 30) and found[2].error == pytest.approx(
-        0.05 * 500 / 29.5
-    )
-    assert found[5].pixels is None and found[5].error is None
-    flat, _, _ = accounts("ORTHO")
-    assert {each.pixels for each in flat if each.group == "adult"} == {2 * 1000 / 40}
+    assert found[0].error == 0
+    assert found[1].error == pytest.approx(0.02 * 500 / 19)
+    assert found[2].error == pytest.approx(0.05 * 500 / 29.5)
+    assert found[5].error is None
+    flat, _ = accounts("ORTHO")
     assert flat[1].error == pytest.approx(0.02 * 1000 / 40)
 
 
-def test_an_account_tells_what_the_shot_plan_has_of_the_agent():
-    found, _, frame = accounts(
+def test_an_account_tells_that_the_shot_plan_has_another_lod_or_hides_the_agent():
+    found, frame = accounts(
         row=[1 | EXCEPTED | PINNED, 0, 2 | HIDDEN, 1 | PINNED, 2 | EXCEPTED | PINNED, HIDDEN, 1]
     )
-    assert frame.planned and {each.planned for each in accounts()[0]} == {""}
-    assert [each.planned for each in found] == [
-        "LOD 1, by an "
-        "override", "LOD 0", "hidden by an "
-                              "override", "LOD 1", "LOD 2, by an "
-                                                    "override", "hidden by an override", "LOD 1"
-    ]  # fmt: skip
+    assert frame.planned
     assert [each.level for each in found[:2]] == [1, 0] and [
         each.visible for each in found[:4]
     ] == [True, True, False, True]
     assert [each.reason for each in found] == [
-        "override", "near enough", "override", "shot plan", "outside the "
-                                                              "frustum", "override", "clipped beyond the far plane"
-    ]  # fmt: skip
+        "override",
+        "near enough",
+        "override",
+        "shot plan",
+        "left of the frame",
+        "override",
+        "clipped beyond the far plane",
+    ]
 
 
 def test_without_measured_lods_there_is_no_error():
-    found, _, _ = accounts(
+    found, _ = accounts(
         groups=(Group("adult", 1.0, 1.0, 0.0, 1.0), Group("child", 0.5, 0.5, 0.0, 1.0))
     )
-    assert found[1].pixels is not None and found[1].error is None
+    assert found[1].error is None
 
 
 def test_an_agent_that_is_not_there_is_named():
-    _, _, frame = accounts()
+    _, frame = accounts()
     for agent in (-1, len(AGENTS)):
         with pytest.raises(CrowdError, match=f"no agent {agent}: the crowd has 7"):
             account(frame, agent)

@@ -18,7 +18,7 @@ from ..support.cameras import straight
 from ..support.crowds import crowd_at, walker
 
 GROUP = replace(walker(), bounds=(0.0, 0.02, 0.2), deviations=(0.0, 0.02, 0.2), diagonal=2.0)
-POLICY = LevelPolicy((0.0, 0.0), "PIXELS", tolerance=1.0)
+POLICY = LevelPolicy((0.0, 0.0), tolerance=1.0)
 PLACES = [(0, 10, 0), (3, 20, 0), (-6, 40, 0), (1, 80, 0)]
 
 

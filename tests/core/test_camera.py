@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from crowd_lod_extension.benchmarks.cull_audit import LENSES, random_camera
 from crowd_lod_extension.crowd_lod.culling.camera import (
-    crop,
     frustum_corners,
     lens_blur,
     referential,
@@ -86,17 +85,6 @@ def test_frustum_corners_lie_on_the_planes(lens):
         scale = np.abs(v).max()
         assert (np.sort(np.abs(out), axis=1)[:, :2] < 1e-9 * scale).all()  # each on two sides
         assert (out < 1e-9 * scale).all()
-
-
-def test_crop_is_that_part_of_the_image():
-    camera = straight()
-    part = crop(camera, 0.25, 1.0, 0.5, 0.75)
-    w = part.window
-    assert (w.left, w.right, w.bottom, w.top) == (-0.5, 1.0, 0.0, 0.5)
-    assert part.pixels == (75, 25)
-    assert part.pixels_per_unit == camera.pixels_per_unit == 50
-    pano = straight(kind="PANO")
-    assert crop(pano, 0.25, 1.0, 0.5, 0.75) is pano
 
 
 def test_depth_of_field_is_kept_where_its_rays_reach():

@@ -2,6 +2,7 @@
 same number.
 """
 
+from dataclasses import replace
 from fractions import Fraction as F
 
 import numpy as np
@@ -48,17 +49,15 @@ def test_a_fixed_delta_of_the_scene_is_the_default():
     assert [(r["method"], r["delta_m"]) for r in rows if r["default"]] == [("fixed Delta", 0.7)]
 
 
-@pytest.mark.parametrize(
-    "metric, thresholds", [("AXIS", (0.16, 0.4)), ("RADIAL", (0.16, 0.4)), ("PIXELS", (90.0, 30.0))]
-)
-def test_exact_levels_agree_with_rational_arithmetic_for_each_agent(metric, thresholds):
+@pytest.mark.parametrize("radial", [False, True])
+def test_exact_levels_agree_with_rational_arithmetic_for_each_agent(radial):
     crowd, (camera,) = view()
-    steps = error_vs_runtime.exact_limits(LevelPolicy(thresholds, metric), camera, RADIUS)
-    ids = error_vs_runtime.exact_levels(crowd, camera, CENTER, steps, metric == "RADIAL")
+    steps = error_vs_runtime.exact_limits(LevelPolicy((0.16, 0.4)), camera, len(RADIUS))
+    ids = error_vs_runtime.exact_levels(crowd, camera, CENTER, steps, radial)
     for i in range(len(crowd)):
         place = (crowd.x[i], crowd.y[i], crowd.z[i] + CENTER[crowd.group[i]])
         v = [F(float(p)) - F(float(c)) for p, c in zip(place, camera.origin, strict=True)]
-        if metric == "RADIAL":
+        if radial:
             want = sum(sum(p * p for p in v) >= s**2 for s in steps[crowd.group[i]])
         else:
             want = sum(
@@ -69,14 +68,15 @@ def test_exact_levels_agree_with_rational_arithmetic_for_each_agent(metric, thre
     assert set(ids) == {0, 1, 2}
 
 
-@pytest.mark.parametrize("metric", ["AXIS", "RADIAL"])
-def test_the_default_in_the_report_is_the_arithmetic_of_the_plan(metric):
+@pytest.mark.parametrize("kind", ["PERSP", "PANO"])
+def test_the_default_in_the_report_is_the_arithmetic_of_the_plan(kind):
     crowd, (camera,) = view()
-    policy = LevelPolicy((0.16, 0.4), metric)
+    camera = replace(camera, kind=kind)
+    policy = LevelPolicy((0.16, 0.4))
     distance, ids = error_vs_runtime.distances_and_levels(
         (crowd, (camera,)), CENTER, RADIUS, policy, "float64"
     )
-    same = radar(crowd, camera, CENTER, RADIUS, RadarOptions(radial=metric == "RADIAL"))[1]
+    same = radar(crowd, camera, CENTER, RADIUS)[1]
     assert (distance == same).all() and (
         ids == assign(same, limits(policy, camera, RADIUS), crowd.group)
     ).all()
@@ -86,7 +86,7 @@ def test_float32_in_the_world_loses_ids_far_out_and_float64_none(monkeypatch):
     monkeypatch.setattr(error_vs_runtime, "LEVEL_OFFSETS", (0.0, 1e7))
     rows = list(
         error_vs_runtime.compare_levels(
-            [view(4000)], CENTER, RADIUS, [LevelPolicy((0.16, 0.4))], "AXIS", repeats=1
+            [view(4000)], CENTER, RADIUS, LevelPolicy((0.16, 0.4)), repeats=1
         )
     )
     by = {(r["precision"], r["offset_m"]): r for r in rows}

@@ -2,11 +2,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.frame.agent_under_cursor import account
-from crowd_lod_extension.crowd_lod.frame.cross_fade import fades_of
 from crowd_lod_extension.crowd_lod.frame.frame import plan
-from crowd_lod_extension.crowd_lod.frame.hysteresis import hold_levels
 from crowd_lod_extension.crowd_lod.frame.reasons import reasons
 from crowd_lod_extension.crowd_lod.levels.assignment import Bias, LevelPolicy, assign
 
@@ -63,10 +60,9 @@ def test_two_eyes_and_a_painted_bias():
     assert (finer.levels == 0).all() and both.levels.max() == 2  # 100 m count as 25
 
 
-@pytest.mark.parametrize("metric", ["AXIS", "RADIAL"])
-def test_distances_are_found_when_asked_for_and_once(metric):
+def test_distances_are_found_when_asked_for_and_once():
     trajectory = shot()
-    policy = LevelPolicy((0.3, 0.6), metric, hysteresis=0.1)
+    policy = LevelPolicy((0.3, 0.6))
     eyes = straight(offset=(-5, 0, 0)), straight(offset=(5, 0, 0))
     frame = plan(
         trajectory, eyes, policy, 10, bias=Bias(np.full((2, 2), 0.6), trajectory.world.area)
@@ -77,22 +73,18 @@ def test_distances_are_found_when_asked_for_and_once(metric):
         [frame.crowd.x, frame.crowd.y, frame.crowd.z + spheres.center[frame.crowd.group]], axis=1
     )
     away = [centers - eye.origin for eye in eyes]
-    expected = np.min(
-        [np.linalg.norm(v, axis=1) if metric == "RADIAL" else v @ eyes[0].Z for v in away], axis=0
-    )
+    expected = np.min([v @ eyes[0].Z for v in away], axis=0)
     found = frame.distances
     assert found == pytest.approx(expected) and frame.depths == pytest.approx(away[0] @ eyes[0].Z)
-    reasons(frame), fades_of(frame), hold_levels(frame, frame.levels), account(frame, 5)
+    reasons(frame), account(frame, 5)
     assert frame.distances is found
     assert (assign(found, frame.begins, frame.crowd.group, frame.factors) == frame.levels).all()
 
 
-def test_lost_agents_stop_the_plan_or_are_dropped_and_counted():
+def test_lost_agents_are_left_out_and_counted():
     trajectory = shot()
     x = trajectory.start.x.copy()
     x[[5, 8]] = np.nan
     lost = replace(trajectory, start=replace(trajectory.start, x=x))
-    with pytest.raises(CrowdError, match="2 of 3,000 agents .* agent 5"):
-        plan(lost, straight(), LevelPolicy(()), 1)
-    frame = plan(lost, straight(), LevelPolicy((), drop_lost=True), 1)
+    frame = plan(lost, straight(), LevelPolicy(()), 1)
     assert frame.dropped == 2 and not frame.visible[[5, 8]].any() and frame.visible.any()

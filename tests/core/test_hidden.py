@@ -42,7 +42,7 @@ def crowd():
 
 def planned(crowd, camera, shutter=(), **around):
     frame = plan(crowd, camera, LevelPolicy((0.1, 0.4)), 1, shutter)
-    surroundings = Surroundings(occluders=HOUSES, box=GROUND, level=2, **around)
+    surroundings = Surroundings(occluders=HOUSES, box=GROUND, **around)
     return surround(frame, surroundings), surround(frame, replace(surroundings, occluders=None))
 
 

@@ -41,7 +41,7 @@ def plan(name="adult", **levels):
         "command": ["crowd-lod", name],
         "frames": [frame, {**frame, "frame": 7, "visible": 1200}],
         "levels": {
-            "metric": "PIXELS", "tolerance": 1.5, "budget": "Triangles 10", "pixels": (1920, 1080), "tints": [(0.8, 0.03, 0.03), (0.04, 0.6, 0.06)], "dropped": [f"{name}: no"],
+            "tolerance": 1.5, "budget": "Triangles 10", "pixels": (1920, 1080), "tints": [(0.8, 0.03, 0.03), (0.04, 0.6, 0.06)], "dropped": [f"{name}: no"],
             "characters": [{"group": name, "diagonal_m": 1.9, "picture": "levels_a b.png", "levels": [row(0), row(1, **levels)]}],
         },
     }  # fmt: skip

@@ -18,7 +18,7 @@ from crowd_lod_extension.crowd_lod.validation.judged_agents import (
 from ..support.cameras import straight
 from ..support.frames import shot
 
-TOLERANT = LevelPolicy((0.0, 0.0), "PIXELS", tolerance=1.0)
+TOLERANT = LevelPolicy((0.0, 0.0), tolerance=1.0)
 
 
 def framed(kind="PERSP", policy=TOLERANT, offs=((0, 0.1, 0.4), (0, 0.05, 1.5)), **more):

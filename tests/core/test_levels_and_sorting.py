@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from crowd_lod_extension.benchmarks.cull_audit import random_camera
 from crowd_lod_extension.crowd_lod.crowd.maps import Area
-from crowd_lod_extension.crowd_lod.culling.camera import Window
 from crowd_lod_extension.crowd_lod.culling.frustum import ROUNDING
 from crowd_lod_extension.crowd_lod.culling.radar import radar
 from crowd_lod_extension.crowd_lod.errors import CrowdError
@@ -14,7 +13,6 @@ from crowd_lod_extension.crowd_lod.levels.assignment import (
     Bias,
     LevelPolicy,
     assign,
-    hold,
     limits,
     pushed,
 )
@@ -77,25 +75,12 @@ def test_groups_may_have_thresholds_of_their_own():
     assert assign(np.array([20.0, 20, 60, 40]), table, group).tolist() == [1, 0, 2, 2]
 
 
-def test_sizes_in_pixels_follow_the_zoom():
-    # a sphere 2 m across, 100 pixels over 90 degrees: 50 pixels a unit slope, so 100 / d pixels
-    policy = LevelPolicy((10.0, 2.0), metric="PIXELS")
-    camera = straight()
-    assert limits(policy, camera, np.array([1.0, 3.0])).tolist() == [[10, 50], [30, 150]]
-    zoomed = replace(camera, window=Window(-0.5, 0.5, -0.5, 0.5))
-    assert limits(policy, zoomed, np.ones(1)).tolist() == [[20, 100]]
-    flat = straight(kind="ORTHO")  # 10 pixels a meter at any distance: 20 pixels
-    assert assign(
-        np.array([5.0, 5000.0]), limits(LevelPolicy((20.0, 2.0), "PIXELS"), flat, np.ones(1))
-    ).tolist() == [1, 1]
-
-
 def test_a_tolerance_bounds_the_error_in_pixels():
     random = np.random.default_rng(2)
     deviation = np.array([[0, 0.01, 0.05, 0.04], [0, 0.002, 0.03, 0.2]])
     radius = np.array([1.0, 2.0])
     camera = straight()
-    policy = LevelPolicy((0, 0, 0), "PIXELS", tolerance=0.5)
+    policy = LevelPolicy((0, 0, 0), tolerance=0.5)
     group = random.integers(2, size=4000, dtype=np.uint8)
     distance = random.uniform(0, 100, 4000)
     ids = assign(distance, limits(policy, camera, radius, deviation), group)
@@ -116,12 +101,9 @@ def test_a_tolerance_bounds_the_error_in_pixels():
 @pytest.mark.parametrize(
     "wrong",
     [
-        {"metric": "AREA"},
-        {"thresholds": (5.0, 9.0), "metric": "PIXELS"},
-        {"thresholds": (-1.0,), "metric": "PIXELS"},
-        {"tolerance": 0.0, "metric": "PIXELS"},
-        {"tolerance": 1.0},
-        {"hysteresis": 1.0},
+        {"thresholds": (0.5, 0.4)},
+        {"thresholds": (-1.0,)},
+        {"tolerance": 0.0},
         {"group_thresholds": ((0.1, 0.2),)},
         {"group_thresholds": ((), (0.7, 0.7))},
     ],
@@ -144,20 +126,6 @@ def test_painted_bias_scales_the_distance():
     ]
     with pytest.raises(CrowdError, match="0 to 1"):
         Bias(np.array([[1.5]]), Area(0, 0, 1, 1))
-
-
-def test_hysteresis_holds_within_the_band_and_only_there():
-    edges = np.array([10.0, 20.0])
-    walk = np.array([5, 9.5, 10.5, 11.1, 10.5, 9.5, 8.9, 30, 18.5, 17.9])
-    ids = np.zeros(1, np.uint8)
-    held = []
-    for distance in walk:
-        ids = hold(ids, np.array([distance]), edges, width=0.1)
-        held.append(int(ids[0]))
-    assert held == [0, 0, 0, 1, 1, 1, 0, 2, 2, 1]
-    distance = np.random.default_rng(0).uniform(0, 40, 500)
-    previous = np.random.default_rng(1).integers(3, size=500).astype(np.uint8)
-    assert (hold(previous, distance, edges, width=0.0) == assign(distance, edges)).all()
 
 
 def test_ids_differ_from_exact_arithmetic_within_the_stated_bound_only():
@@ -185,17 +153,14 @@ def test_ids_differ_from_exact_arithmetic_within_the_stated_bound_only():
 
 
 @pytest.mark.parametrize("kind", ["PERSP", "ORTHO"])
-@pytest.mark.parametrize(
-    "metric, tolerance", [("AXIS", None), ("RADIAL", None), ("PIXELS", None), ("PIXELS", 1.0)]
-)
-def test_no_agent_has_a_finer_lod_than_there_is(kind, metric, tolerance):
+@pytest.mark.parametrize("tolerance", [None, 1.0])
+def test_no_agent_has_a_finer_lod_than_there_is(kind, tolerance):
     random = np.random.default_rng(4)
     camera = straight(kind=kind)
     radius = np.array([1.0, 2.0, 0.5])
     finest = (0, 2, 3)
-    thresholds = (90.0, 30.0, 9.0) if metric == "PIXELS" else (0.1, 0.4, 0.8)
     deviation = np.sort(random.uniform(0, 0.4, (3, 4)), axis=1)
-    policy = LevelPolicy(thresholds, metric, tolerance=tolerance)
+    policy = LevelPolicy((0.1, 0.4, 0.8), tolerance=tolerance)
     group = random.integers(3, size=500, dtype=np.uint8)
     distance = random.uniform(-5, 120, 500)
     free, held = (
@@ -207,41 +172,27 @@ def test_no_agent_has_a_finer_lod_than_there_is(kind, metric, tolerance):
 
 
 @pytest.mark.parametrize(
-    "metric, values, kept, found",
+    "values, kept, found",
     [
-        ("AXIS", (0.15, 0.7, 0.6), 1, (0.15, 0.7, 0.701)),
-        ("AXIS", (0.15, 0.4, 0.1), 2, (0.098, 0.099, 0.1)),
-        ("AXIS", (1.0, 0.4, 0.6), 0, (0.998, 0.999, 1.0)),
-        ("AXIS", (0.15, 0.4, 0.0), 2, (0.001, 0.002, 0.003)),
-        ("AXIS", (0.5, 0.2, 0.3), 0, (0.5, 0.501, 0.502)),
-        ("AXIS", (0.4, 0.4), 1, (0.399, 0.4)),
-        ("AXIS", (0.0000011, 0.0000031), 1, (0.0000011, 0.0000031)),
-        ("PIXELS", (200, 300, 40), 1, (300.1, 300, 40)),
-        ("PIXELS", (30, 80, 40), 0, (30, 29.9, 29.8)),
-        ("PIXELS", (200, 80, 3e38), 2, (1e6, 1e6 - 0.1, 1e6 - 0.2)),
-        ("PIXELS", (0.01, 80, 40), 0, (0.21, 0.11, 0.01)),
-        ("PIXELS", (3e38, 1e-3), 0, (3e38, 1e-3)),
+        ((0.15, 0.7, 0.6), 1, (0.15, 0.7, 0.701)),
+        ((0.15, 0.4, 0.1), 2, (0.098, 0.099, 0.1)),
+        ((1.0, 0.4, 0.6), 0, (0.998, 0.999, 1.0)),
+        ((0.15, 0.4, 0.0), 2, (0.001, 0.002, 0.003)),
+        ((0.5, 0.2, 0.3), 0, (0.5, 0.501, 0.502)),
+        ((0.4, 0.4), 1, (0.399, 0.4)),
+        ((0.0000011, 0.0000031), 1, (0.0000011, 0.0000031)),
     ],
 )
-def test_a_threshold_pushes_its_neighbors_and_stops_where_they_have_no_room(
-    metric, values, kept, found
-):
-    assert pushed(values, kept, metric).tolist() == pytest.approx(found, rel=1e-9)
+def test_a_threshold_pushes_its_neighbors_and_stops_where_they_have_no_room(values, kept, found):
+    assert pushed(values, kept).tolist() == pytest.approx(found, rel=1e-9)
 
 
 @given(st.data())
 def test_pushed_thresholds_are_a_policy_and_what_is_in_order_stays(data):
-    metric = data.draw(st.sampled_from(("AXIS", "PIXELS")))
-    number = (
-        st.floats(0, 1, width=32)
-        if metric == "AXIS"
-        else st.floats(float(np.float32(0.01)), 2.0**20, width=32)
-    )
-    values = data.draw(st.lists(number, min_size=1, max_size=7))
+    values = data.draw(st.lists(st.floats(0, 1, width=32), min_size=1, max_size=7))
     kept = data.draw(st.integers(0, len(values) - 1))
-    found = pushed(values, kept, metric).astype(np.float32).astype(float)
-    LevelPolicy(tuple(round(value, 6) for value in found.tolist()), metric)
-    assert (pushed(found.tolist(), kept, metric) == found).all()
-    low, high = (0.01, 0.99) if metric == "AXIS" else (2, 1e5)
-    if low <= values[kept] <= high:
+    found = pushed(values, kept).astype(np.float32).astype(float)
+    LevelPolicy(tuple(round(value, 6) for value in found.tolist()))
+    assert (pushed(found.tolist(), kept) == found).all()
+    if 0.01 <= values[kept] <= 0.99:
         assert found[kept] == values[kept]

@@ -136,7 +136,7 @@ def test_every_kept_candidate_is_used_and_none_that_is_used_saves_too_little(can
     deviation = np.array([[group.deviations[k] for k in kept]])
     assert (np.diff(deviation[0, 1:]) > 0).all()  # LOD 0 is kept in any case
     begins = limits(
-        LevelPolicy((0.0,) * (len(kept) - 1), "PIXELS", tolerance=1.0),
+        LevelPolicy((0.0,) * (len(kept) - 1), tolerance=1.0),
         straight(far=500),
         np.array([1.0]),
         deviation,
@@ -196,7 +196,7 @@ def test_a_lod_that_repeats_the_group_s_last_never_begins():
         Group(str(k), 1, 1.0, 0, 1, triangles=own, deviations=off, bounds=off)
         for k, (own, off) in enumerate(zip(counts, bounds, strict=True))
     ]
-    policy = LevelPolicy((0.0, 0.0), "PIXELS", tolerance=1.0)
+    policy = LevelPolicy((0.0, 0.0), tolerance=1.0)
     for camera in (straight(), straight(kind="ORTHO")):
         begins = limits(policy, camera, np.ones(3), deviations(groups, policy))
         coarsest = assign(np.full(3, 1e6), begins, np.arange(3))

@@ -172,7 +172,7 @@ def test_where_shading_counts_a_lod_begins_where_both_allow():
         shaded=(0, 0.05, 0.0, np.inf),
     )
     for tolerance in (1.0, 2.0):
-        plain = LevelPolicy((0.0,) * 3, "PIXELS", tolerance=tolerance)
+        plain = LevelPolicy((0.0,) * 3, tolerance=tolerance)
         both = replace(plain, shading=True)
         np.testing.assert_array_equal(deviations([group], plain), [group.bounds])
         camera = straight()  # 50 pixels a unit of slope

@@ -21,20 +21,19 @@ from crowd_lod_extension.crowd_lod.crowd.height_map import HeightMap
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
-from crowd_lod_extension.crowd_lod.frame.cross_fade import fade, fades_of
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.frame.reasons import (
     BESIDE,
     DETAIL_MAP,
     DISTANCE,
     FAR,
-    HYSTERESIS,
     LEFT_OUT,
     NEAR,
     NEAR_ENOUGH,
+    SHOT_PLAN,
     reasons,
 )
-from crowd_lod_extension.crowd_lod.levels.assignment import Bias, LevelPolicy, assign, limits
+from crowd_lod_extension.crowd_lod.levels.assignment import Bias, LevelPolicy
 
 from ..support.rotations import stance
 
@@ -132,29 +131,6 @@ def test_axes_are_those_of_the_stance(tilted):
         assert found.dtype == np.float32 and found == pytest.approx(turned[:, :, axis], abs=1e-6)
 
 
-def test_fades_cross_half_way_at_the_limits_that_assign():
-    begins = np.array([[10.0, 30.0], [20.0, 22.0]])
-    distance = np.linspace(1, 50, 4901)
-    for g in (0, 1):
-        group = np.full(len(distance), g, np.uint8)
-        finer, share = fade(distance, begins, group, None, 0.2)
-        plain = assign(distance, begins, group)
-        assert (finer + (share >= 0.5) == plain).all()
-        shown = finer + share  # rises without a jump
-        assert (
-            (np.diff(shown) >= -1e-6).all()
-            and np.diff(shown).max() < 0.02
-            and shown[0] == 0
-            and shown[-1] == 2
-        )
-    assert (fade(distance, begins, group, None, 0.0)[0] == plain).all()
-    assert not fade(distance, begins, group, None, 0.0)[1].any()
-    assert fade(distance[:3], np.empty((2, 0)), group[:3])[0].tolist() == [0, 0, 0]
-    never = np.array([[-np.inf, np.inf], [-np.inf, np.inf]])
-    finer, share = fade(distance, never, group, None, 0.2)
-    assert (finer == 1).all() and not share.any()
-
-
 PLAIN = LevelPolicy((0.25, 0.5))
 
 
@@ -201,15 +177,5 @@ def test_who_lacks_finer_lods_is_told_so_and_who_asks_for_none_is_not():
     old = frame.levels.copy()
     old[0] = 2
     frame = planned(None, limited)
-    held = replace(frame, known_levels=old)
-    assert reasons(held)[0] == HYSTERESIS
-
-
-def test_fades_of_a_frame_are_those_of_its_distances():
-    frame = planned()
-    depth = frame.crowd.y
-    expected = fade(
-        depth, limits(PLAIN, frame.camera, np.array([1.0])), frame.crowd.group, None, 0.3
-    )
-    for mine, theirs in zip(fades_of(frame, 0.3), expected, strict=True):
-        assert mine == pytest.approx(theirs)
+    by_plan = replace(frame, known_levels=old, plan_row=old)
+    assert reasons(by_plan)[0] == SHOT_PLAN

@@ -28,7 +28,7 @@ from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
 
 from ..support.cameras import straight
-from ..support.shots import AREA, IDLER, POLICY, ground, machine, raw, walking
+from ..support.shots import IDLER, POLICY, ground, machine, raw, walking
 
 # Of a chi-square test with 5 and 19 degrees of freedom: exceeded once in ten thousand.
 MOST_5 = 25.7
@@ -103,14 +103,11 @@ def test_a_further_density_keeps_its_share():
 def test_the_same_seed_gives_the_same_places_to_the_bit():
     """The sums are those of Python 3.13 and of 3.11."""
     corners = bowl()
-    spacing = Spacing(jitter=0.5, rows=3, rise=0.4)
     ways = {
         "surface": lambda seed: on_surface(corners, np.ones((6, 3)), 500, seed),
         "image": lambda seed: on_surface(
             corners, np.ones((6, 3)), 500, seed, lambda points, *_: (points[:, 0] > 0) * 0.5
         ),
-        "grid": lambda seed: on_grid(AREA, 500, seed, spacing),
-        "rows": lambda seed: in_rows([(SQUARE, True)], 500, seed, spacing),
     }
     sums = {}
     for name, way in ways.items():
@@ -122,15 +119,13 @@ def test_the_same_seed_gives_the_same_places_to_the_bit():
     assert sums == {
         "surface": "f0533275b9f6",
         "image": "3b3ff9a2cc1d",
-        "grid": "afbe440e936e",
-        "rows": "425e302f904c",
     }
 
 
 @pytest.mark.parametrize(("count", "apart"), [(100, 0.0), (97, 0.0), (1, 0.0), (5, 2.0)])
 def test_a_grid_is_even_and_covers_the_ground(count, apart):
     area = Area(-10, 0, 30, 10, 1.5)
-    found = on_grid(area, count, 1, Spacing(apart))
+    found = on_grid(area, count, Spacing(apart))
     x, y, z = found.points.T
     assert len(found) == (100 if apart else count) and (z == 1.5).all()
     assert (
@@ -143,25 +138,13 @@ def test_a_grid_is_even_and_covers_the_ground(count, apart):
         assert np.allclose(np.diff(np.unique(x.round(9))), 2) and np.allclose(
             np.diff(np.unique(y.round(9))), 2
         )
-    moved = on_grid(area, count, 1, Spacing(apart, jitter=1.0)).points
-    cell = (
-        (2, 2)
-        if apart
-        else (40 / len(np.unique(x.round(9))), 10 / -(-count // len(np.unique(x.round(9)))))
-    )
-    away = np.abs(moved - found.points)
-    assert (
-        (away[:, 0] <= cell[0] / 2 + 1e-9).all()
-        and (away[:, 1] <= cell[1] / 2 + 1e-9).all()
-        and away.any()
-    )
 
 
 @pytest.mark.parametrize("backward", [False, True])
 def test_rows_about_a_square_stand_behind_one_another_and_face_inward(backward):
     square = SQUARE[::-1] if backward else SQUARE
     spacing = Spacing(apart=0.5, rows=3, depth=1.0, rise=0.4)
-    found = in_rows([(square, True)], 9, 1, spacing)
+    found = in_rows([(square, True)], 9, spacing)
     x, y, z = found.points.T
     out = np.maximum(np.abs(x), np.abs(y - 10)) - 10  # how far outside of the square
     assert np.allclose(out, np.rint(out)) and np.allclose(z, 0.4 * out)
@@ -173,7 +156,7 @@ def test_rows_about_a_square_stand_behind_one_another_and_face_inward(backward):
         np.maximum(np.abs(ahead[:, 0]), np.abs(ahead[:, 1] - 10)) - 10, out - 0.1, atol=1e-6
     )
     turned = in_rows(
-        [(square, True)], 9, 1, Spacing(apart=0.5, rows=3, depth=1.0, rise=0.4, turn=np.pi / 2)
+        [(square, True)], 9, Spacing(apart=0.5, rows=3, depth=1.0, rise=0.4, turn=np.pi / 2)
     )
     assert np.allclose(turned.heading - found.heading, np.pi / 2, atol=1e-6)
 
@@ -181,7 +164,7 @@ def test_rows_about_a_square_stand_behind_one_another_and_face_inward(backward):
 def test_rows_along_open_curves_share_the_agents_by_length():
     bent = np.array([(0.0, 0, 0), (30, 0, 0), (30, 0, 0), (30, 10, 0)])
     short = np.array([(0.0, 50, 2), (10, 50, 2)])
-    found = in_rows([(bent, False), (short, False)], 100, 1, Spacing())
+    found = in_rows([(bent, False), (short, False)], 100, Spacing())
     assert (found.points[:, 2] == 2).sum() == 20 and len(found) == 100
     straight_on = found.points[:, 1] == 0
     gaps = np.diff(found.points[straight_on, 0])
@@ -223,12 +206,12 @@ def test_bad_surfaces_and_curves_are_refused_in_a_sentence():
         ([(np.full((2, 3), np.nan), False)], "NaN"),
     ):
         with pytest.raises(CrowdError, match=told):
-            in_rows(curves, 10, 1, Spacing())
+            in_rows(curves, 10, Spacing())
     for spacing in (Spacing(1e-4), Spacing(1e-4, rows=2)):
         with pytest.raises(CrowdError, match="agents: set Agents to a number from 1 to 10,000,000"):
-            on_grid(Area(0, 0, 1000, 1000), 5, 1, spacing)
+            on_grid(Area(0, 0, 1000, 1000), 5, spacing)
         with pytest.raises(CrowdError, match="agents: set Agents to a number from 1 to 10,000,000"):
-            in_rows([(SQUARE * 100, True)], 5, 1, spacing)
+            in_rows([(SQUARE * 100, True)], 5, spacing)
     with pytest.raises(
         CrowdError, match="200,001 edges, more than 200,000: choose a curve or a wire"
     ):

@@ -97,7 +97,7 @@ def test_grain_is_what_a_pixel_shows_of_the_nearest_agent():
         1.58
     )  # of agents that nobody sees nearer
     deviation = np.array([[0, 0.05]])
-    policy = LevelPolicy((0.0,), "PIXELS", tolerance=2.0)
+    policy = LevelPolicy((0.0,), tolerance=2.0)
     for camera in (
         far,
         replace(far, pixels=(1000, 1000)),

@@ -1,11 +1,8 @@
-"""The overlay follows everything that the plan follows: eyes, shutter, height and detail maps,
-hysteresis.
-"""
+"""The overlay follows everything that the plan follows: eyes, shutter, height and detail maps."""
 
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.operators.blender import scene_cache
 from crowd_lod_extension.operators.overlay import display, open_shutter
 from crowd_lod_extension.operators.scene.scene_crowd import frame_of
 
@@ -54,11 +51,6 @@ def test_the_overlay_shows_what_the_plan_plans(scene):
     render.use_multiview = True
     scene.camera.data.stereo.interocular_distance = 8.0
     assert assert_as_planned(scene).visible.sum() > alone
-    render.use_multiview = False
-    render.use_border = True
-    render.border_max_x = 0.3
-    settings.cull_to_border = True
-    assert assert_as_planned(scene).visible.sum() < alone
 
 
 def test_an_open_shutter_is_read_outside_the_drawing_and_then_shown(scene, monkeypatch):
@@ -88,28 +80,3 @@ def test_a_painted_detail_map_is_seen_and_one_that_stays_is_kept(scene, monkeypa
     assert (shown(scene).frame.levels >= first.frame.levels).all() and shown(
         scene
     ).frame.levels.sum() > first.frame.levels.sum()
-
-
-def test_hysteresis_holds_back_changes_of_lod_in_the_overlay_alone(scene):
-    scene.animation_data_clear()
-    changes = {}
-    for width in (0.0, 0.3):
-        scene.crowd_lod.hysteresis = width
-        scene.frame_set(1)
-        scene_cache.forget()
-        before = shown(scene).frame
-        count = 0
-        assert (before.levels == frame_of(scene, scene.view_layers[0].depsgraph).levels).all()
-        for step in (3, -3, 3, -3):
-            scene.camera.location.y += step
-            now = shown(scene).frame
-            planned = frame_of(scene, scene.view_layers[0].depsgraph)
-            assert (now.visible == planned.visible).all()
-            assert now.buckets.counts.sum() == planned.buckets.counts.sum() == now.visible.sum()
-            assert (np.bincount(now.levels[now.visible], minlength=3) == now.buckets.counts).all()
-            count = count + int((now.levels != before.levels).sum())
-            before = now
-        changes[width] = count
-        if not width:
-            assert (now.levels == planned.levels).all()
-    assert changes[0.0] > 200 and changes[0.3] < changes[0.0] / 10

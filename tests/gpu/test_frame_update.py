@@ -168,14 +168,11 @@ def test_every_mode_and_color_is_drawn(scene):
     settings = scene.crowd_lod
     for mode in ("MESHES", "BOXES", "POINTS"):
         for color in ("LOD", "STATE", "GROUP", "REASON", "MATERIAL"):
-            for fade in (0.0, 0.3):
-                settings.overlay_mode = mode
-                settings.overlay_color = color
-                settings.overlay_fade = fade
-                now = shown(scene)
-                assert now.problem is None and now.notes == ()
-                assert (now.cast is None) == (mode == "POINTS") == (now.batches.draws == ())
-                assert now.batches.fading == (fade > 0 and mode == "MESHES")
+            settings.overlay_mode = mode
+            settings.overlay_color = color
+            now = shown(scene)
+            assert now.problem is None and now.notes == ()
+            assert (now.cast is None) == (mode == "POINTS") == (now.batches.draws == ())
     settings.overlay_culled = False
     assert shown(scene).batches.points is not None
     settings.overlay_mode = "BOXES"

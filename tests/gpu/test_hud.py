@@ -27,7 +27,7 @@ from crowd_lod_extension.operators.overlay.viewport_camera import camera_of, vie
 
 from ..support.overlays import AGENTS, GROUPS, planned
 
-ACCOUNT = Account(3, "child", "walk left", True, "far away", 2, 30.0, 12.5, 0.41)
+ACCOUNT = Account(3, True, "far away", 2, 30.0, 0.41)
 
 
 def texts(said):
@@ -52,14 +52,12 @@ def test_lines_tell_all_figures_of_the_frame():
 
 def test_lines_of_lods_bear_their_tints_and_an_agent_that_of_its_own():
     frame, _ = planned()
-    said = hud.figures(frame, by_level(frame), ACCOUNT)
+    colors = by_level(frame)
+    said = hud.figures(frame, colors)
     assert [line.color for line in said[1:4]] == [pytest.approx(tint) for tint in TINTS[:3]]
-    (agent,) = (line for line in said if line.text.startswith("Agent"))
+    agent = hud.line_of(ACCOUNT, colors)
     assert agent.color == pytest.approx(TINTS[2])
-    assert agent.text == (
-        "Agent: 3, Group: child, State: walk left, Shown: far away, LOD: 2, Depth: 30 m, "
-        "Size: 12.5 pixels, LOD error: 0.41 pixels"
-    )
+    assert agent.text == "Agent 3, LOD 2: 30 m away, 0.41 px"
 
 
 @pytest.mark.parametrize("by", [by_state, by_group, by_reason])
@@ -102,16 +100,13 @@ def test_a_long_legend_ends_with_how_many_are_left():
     assert hud.legend(Colors(np.zeros(1, np.uint8), np.ones((1, 4), np.float32))) == []
 
 
-def test_what_is_not_known_of_an_agent_is_said():
-    culled = dict(
-        hud.describe(
-            replace(ACCOUNT, visible=False, reason="outside the frustum", pixels=None, error=None)
-        )
-    )
-    assert (
-        culled["Culled"] == "outside the frustum" and culled["Size"] == culled["LOD error"] == "-"
-    )
-    assert dict(hud.describe(replace(ACCOUNT, error=None)))["LOD error"] == "not measured"
+def test_one_line_tells_why_an_agent_is_culled_or_has_another_lod():
+    unmeasured = replace(ACCOUNT, error=None)
+    assert hud.describe(unmeasured) == "Agent 3, LOD 2: 30 m away"
+    planned_lod = replace(ACCOUNT, reason="shot plan")
+    assert hud.describe(planned_lod) == "Agent 3, LOD 2 (shot plan): 30 m away, 0.41 px"
+    culled = replace(ACCOUNT, visible=False, reason="left of the frame")
+    assert hud.describe(culled) == "Agent 3, culled: left of the frame"
 
 
 def test_an_empty_crowd_has_its_lines_too():

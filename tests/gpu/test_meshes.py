@@ -106,14 +106,14 @@ def instances(rows, draws, **others):
     nothing = np.empty((0, 4), np.float32)
     what = Drawing(
         origin=np.zeros(3), agents=np.array(rows, np.float32), draws=tuple(draws), palette=TINTS, turn=0.0,
-        materials=False, fading=False, positions=nothing[:, :3], colors=nothing, sizes=nothing[:, 0], diameter=1.0,
+        materials=False, positions=nothing[:, :3], colors=nothing, sizes=nothing[:, 0], diameter=1.0,
         lines=nothing[:, :3], line_colors=nothing,
     )  # fmt: skip
     return replace(what, **others)
 
 
-def row(x, y, z=0.0, heading=0.0, phase=0.0, color=0, share=0.0, pitch=0.0, roll=0.0):
-    return x, y, z, heading, phase, 4.0 * color + 2.0 + share, pitch, roll
+def row(x, y, z=0.0, heading=0.0, phase=0.0, color=0, pitch=0.0, roll=0.0):
+    return x, y, z, heading, phase, color, pitch, roll
 
 
 def placed(what, cast, group, level) -> np.ndarray:
@@ -361,20 +361,6 @@ def test_both_ways_of_skinning_draw_the_same(characters, monkeypatch):
     assert (
         off > 2 / 255
     ).sum() <= 10  # pixels on edges, which rounding gives to the one triangle or the other
-
-
-def test_a_cross_fade_fills_every_pixel_once(cast):
-    whole, _ = picture(instances([row(0, 0)], [(0, 0, 0, 1)]), cast, (0, -4, 1))
-    body = whole.any(axis=-1)
-    for share in (1 / 1024, 0.25, 0.5, 0.8, 1023 / 1024):
-        parts = []
-        for sign in (-1, 1):
-            half = instances([row(0, 0, share=sign * share)], [(0, 0, 0, 1)], fading=True)
-            parts.append(picture(half, cast, (0, -4, 1))[0])
-        finer, coarser = (part.any(axis=-1) for part in parts)
-        assert (finer ^ coarser == body).all()
-        assert coarser.sum() / body.sum() == pytest.approx(share, abs=0.02)
-        assert (parts[0] + parts[1] == whole).all()
 
 
 def test_back_faces_of_closed_meshes_are_not_missed(cast):

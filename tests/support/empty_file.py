@@ -4,7 +4,7 @@ import bpy
 
 
 def open_empty_file() -> None:
-    """Open a new file. LODs are by ratio: making those by tolerance takes longer.
+    """Open a new file. LODs are by distance: making those by tolerance takes longer.
 
     Previews leave out the pictures of LODs: test_lod_table.py alone looks at them.
     """

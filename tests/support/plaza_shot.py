@@ -19,7 +19,7 @@ GROUPS = tuple(
         ("heavy", 0.9, 1.024, 1.4),
     )
 )
-POLICY = LevelPolicy((0.0,) * 2, "PIXELS", tolerance=1.0)
+POLICY = LevelPolicy((0.0,) * 2, tolerance=1.0)
 
 
 def library():

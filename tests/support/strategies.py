@@ -79,8 +79,7 @@ def policies(draw, groups=1):
         *(st.just(tuple(step**power for step in steps)) for power in range(1, groups + 1))
     )
     margin = draw(sometimes(st.just(0.5)))
-    metric = draw(st.sampled_from(["AXIS", "RADIAL"]))
-    return LevelPolicy(steps, metric, margin, group_thresholds=draw(sometimes(own, ())))
+    return LevelPolicy(steps, margin, group_thresholds=draw(sometimes(own, ())))
 
 
 @st.composite

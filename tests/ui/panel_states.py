@@ -248,7 +248,6 @@ DONE = {
     "camera removed": lambda: gone(scene().camera, bpy.data.objects),
     "objects removed": lambda: [bpy.data.objects.remove(item) for item in [*bpy.data.objects]],
     "choice unknown": lambda: unknown(settings(), "choice"),
-    "metric unknown": lambda: unknown(settings(), "metric"),
     "exceptions by unknown": lambda: [
         unknown(entry, "chosen_by") for entry in settings().exceptions
     ],
@@ -261,7 +260,6 @@ DONE = {
     "other scene": lambda: shown(bpy.data.scenes[-1 if scene() == bpy.data.scenes[0] else 0]),
     "scene removed": removed,
     "another view layer": lambda: scene().view_layers.new("more"),
-    "render region": lambda: setattr(scene().render, "use_border", True),
     "motion blur": lambda: setattr(scene().render, "use_motion_blur", True),
     "another frame": lambda: scene().frame_set(3),
     "imperial units": lambda: setattr(scene().unit_settings, "system", "IMPERIAL"),
