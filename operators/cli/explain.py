@@ -9,7 +9,6 @@ from ...crowd_lod.frame.frame_range import parse_frames
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.progress import share
 from ..blender import frame_stepping, scene_data
-from ..blender.machine_costs import costs_of
 from ..scene import lights
 from ..scene.scene_crowd import frame_of, trajectory_of
 from ..shot.shot_plan import ready
@@ -33,5 +32,5 @@ def explain(
         eyes, around, shutter = lights.read_moment(scene, time, at)
         frame = frame_of(scene, at((), time), time, eyes, trajectory, around, shutter)
     yield 1.0
-    explanation = explain_agent(frame, agent, costs_of(scene), scene_data.meters(scene))
+    explanation = explain_agent(frame, agent, scene_data.costs_of(scene), scene_data.meters(scene))
     return explanation, frame.unplanned

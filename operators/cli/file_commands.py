@@ -19,6 +19,7 @@ from ..blender.output_folders import output_file
 from ..machine.scene_world import bias_of
 from ..render_setup import bake, render_setup, view_layers
 from ..render_setup.buttons import check_blur, prepared
+from ..render_setup.character_images import IMAGE_BYTES
 from ..render_setup.cost_estimate import Estimate, estimate
 from ..render_setup.hidden_characters import notes_on_characters
 from ..render_setup.phase_characters import Cast
@@ -159,7 +160,7 @@ def build(args) -> dict:
         "predicted": predicted.as_json,
         "costs": predicted.costs.basis,
         "load_seconds": round(seconds, 3),
-        "image_bytes": cast.images,
+        "image_bytes": int(scene.crowd_lod.build[IMAGE_BYTES]),
         "verdict": verdict,
         "summary": "\n".join(filter(None, lines)),
     }

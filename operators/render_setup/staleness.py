@@ -30,7 +30,6 @@ SETTINGS = (
     "unseen_level",
     "occlusion",
     "tilt",
-    "scale_textures",
 )
 
 
