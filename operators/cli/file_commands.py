@@ -132,6 +132,7 @@ def build(args) -> dict:
             name: len(item.data.vertices)
             for name, item in render_setup.points_of(scene.crowd_lod.build).items()
         }
+        images = int(scene.crowd_lod.build[IMAGE_BYTES])
         verdict = plan_verdict(scene.crowd_lod, cast.unplanned) if args.bake else ""
         notes = [
             verdict,
@@ -160,7 +161,7 @@ def build(args) -> dict:
         "predicted": predicted.as_json,
         "costs": predicted.costs.basis,
         "load_seconds": round(seconds, 3),
-        "image_bytes": int(scene.crowd_lod.build[IMAGE_BYTES]),
+        "image_bytes": images,
         "verdict": verdict,
         "summary": "\n".join(filter(None, lines)),
     }
