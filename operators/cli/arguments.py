@@ -11,7 +11,7 @@ from .file_commands import add_build, add_export, add_sample
 from .new_scene import add_new_scene
 from .picture_commands import add_preview, add_verify
 from .plan_commands import add_explain, add_plan_shot
-from .report_commands import add_cull, add_error, add_extremes
+from .report_commands import add_error, add_extremes
 from .simulate import add_simulate
 from .update_command import add_update
 
@@ -29,7 +29,7 @@ COMMANDS = (
     add_new_scene,
     add_simulate,
 )
-REPORTS = (add_error, add_extremes, add_cull)
+REPORTS = (add_error, add_extremes)
 
 
 def parser(program: str) -> argparse.ArgumentParser:
