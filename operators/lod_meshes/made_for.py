@@ -21,7 +21,6 @@ from ...crowd_lod.levels.lengths import DARKER, NEAR_ENOUGH, allowed_lengths, re
 from ...crowd_lod.levels.selection import GroupShot, View
 from ..blender import provenance, scene_data
 from ..blender.cameras import read_cameras
-from ..blender.machine_costs import costs_of
 from ..blender.sidebar_answers import hold
 from ..characters.cast_provenance import cast_inputs, of_characters
 from ..characters.characters import all_characters
@@ -306,7 +305,7 @@ def _forecast(scene: bpy.types.Scene, stored: dict) -> Forecast | None:
     if stored["given"] or camera is None or not now or not before or now[0] != before[0]:
         return None
     closer = now[1] / before[1]
-    costs = costs_of(scene)
+    costs = scene_data.costs_of(scene)
     shading = settings.shading_counts
     shots = [
         GroupShot(

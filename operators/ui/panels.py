@@ -340,7 +340,6 @@ class CROWDLOD_PT_decimation(Step, bpy.types.Panel):
         layout.prop(settings, "method")
         active_column(layout, settings.choice == "BY_TOLERANCE").prop(settings, "shading_counts")
         wide(layout, settings, "hidden_surface_counts")
-        layout.prop(settings, "scale_textures")
         layout.prop(settings, "bias_image")
         button(layout, "crowd_lod.measure_levels", icon="DRIVER_DISTANCE")
 
