@@ -22,7 +22,6 @@ from pathlib import Path
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.reporting import interrupt
 from crowd_lod_extension.crowd_lod.reporting.files import staged
-from crowd_lod_extension.crowd_lod.reporting.temporary_folder import own_temporary_folder
 
 ROOT = Path(__file__).resolve().parent
 WHEELS = ROOT / "wheels"
@@ -155,8 +154,7 @@ def run(failure: str, *command: str) -> None:
 
 if __name__ == "__main__":
     try:
-        with own_temporary_folder():  # of pip and Blender's tool
-            main()
+        main()
     except OSError as error:
         sys.exit(
             f"crowd-lod package: {error.strerror}"
@@ -164,6 +162,5 @@ if __name__ == "__main__":
         )
     except (Failure, CrowdError) as failure:
         sys.exit(f"crowd-lod package: {failure}")
-    except KeyboardInterrupt:  # it ends the tool that runs, too, unlike interrupt.heed
-        print("crowd-lod: stopped; nothing on disk was changed.", file=sys.stderr)
-        sys.exit(interrupt.STOPPED)
+    except KeyboardInterrupt:
+        sys.exit(interrupt.stopped())
