@@ -31,8 +31,8 @@ class FrameSettings:
         default=f"//{BLEND_NAME}_crowd_lod",
         subtype="DIR_PATH",
         options={"PATH_SUPPORTS_BLEND_RELATIVE"},
-        description="Folder for plan, previews, proofs and exports, with a page index.html on all "
-        f"of them. {BLEND_NAME} is the name of the .blend file",
+        description="Folder for plan, previews, proofs and exports. "
+        f"{BLEND_NAME} is the name of the .blend file",
     )
 
     own_frames: BoolProperty(

@@ -16,7 +16,6 @@ from ...crowd_lod.levels.assignment import deviations
 from ...crowd_lod.levels.budget_fit import Budget
 from ...crowd_lod.progress import aside, share, standing, steps_aside
 from ...crowd_lod.reporting import files, tables
-from ...crowd_lod.reporting.png_file import save_png
 from ...crowd_lod.reporting.shot_json import shot_facts
 from ...crowd_lod.reporting.shot_page import shot_page
 from ...crowd_lod.reporting.shot_report import ShotReport
@@ -30,14 +29,13 @@ from ...crowd_lod.shot.meetings import strides_of
 from ...crowd_lod.shot.phases import recast
 from ...crowd_lod.shot.shot_cost import Shot, meshes_of
 from ...crowd_lod.shot.survey import Survey
-from ...crowd_lod.shot.switches import WORST, largest, noticed
+from ...crowd_lod.shot.switches import noticed
 from ...crowd_lod.shot.unneeded import needed_meshes, seen_characters
 from ...crowd_lod.shot.verdict import verdict_of
 from ..blender import cameras, scene_data
 from ..blender.machine_costs import costs_of
 from ..blender.operator import Reporting, Stepwise
 from ..blender.output_folders import full_path, output_path, place_of
-from ..blender.output_index import note_output
 from ..characters import cast_provenance
 from ..characters.group_measuring import measuring_groups
 from ..characters.holdings import holdings_of
@@ -57,14 +55,12 @@ from ..sources.crowd_sources import check_recorded
 from .planned_cameras import note_cameras
 from .scene_json import scene_json
 from .shot_survey import SurveyedShot, measured_groups, survey_of
-from .switch_crops import crops_of
 
 # Progress at which LOD meshes that were missing are made.
 READY = 0.3
 # How long the stages of a plan take, of 100; with a budget the decision takes as long as the rest.
 SURVEY, COLORING, DECISION, REPORT, POINTS, FILES = 42, 26, 5, 5, 12, 10
 BUDGETED = 95
-CURVED = 0.6  # of the report
 PLANNED = 1 - FILES / 100  # progress of `plan_shot` of all
 
 
@@ -188,7 +184,6 @@ def _report_on(
     changes = yield from standing(aside(lambda: noticed(shot, plan.levels, radius)), 0.0)
     judging = aside(lambda: verdict_of(shot.survey, changes, eyes, meters))
     curve = steps_aside(curve_of(shot, plan, policy_of(scene.crowd_lod).tolerance))
-    drawing = crops_of(scene, through, phases.phases, largest(changes, WORST))
     names = [group.name for group in trajectory.groups]
     return ShotReport(
         title=Path(bpy.data.filepath).stem or scene.name,
@@ -196,14 +191,13 @@ def _report_on(
         plan=plan,
         noticed=changes,
         verdict=(yield from standing(judging, 0.0)),
-        curve=(yield from share(curve, 0.0, CURVED)),
+        curve=(yield from curve),
         names=names,
         phases=phases,
         classes=phases.rows(names, trajectory.gaits),
         tints=TINTS,
         milliseconds=through.milliseconds,
         left_out=through.left_out,
-        crops=(yield from share(drawing, CURVED, 1.0)),
         worn=len(trajectory.start) - len(trajectory.bare.start),
     )
 
@@ -252,10 +246,6 @@ def _writing(
     for step, (name, text_of) in enumerate(texts.items()):
         yield 0.4 + 0.15 * step
         (folder / name).write_text(text_of(), encoding="utf-8")
-    for crop in report.crops[:1]:
-        if crop is not None:
-            pixels = np.rint(255 * np.concatenate(crop, axis=1)).astype(np.uint8)
-            save_png(folder / "worst.png", pixels)
 
 
 def write_levels(folder: Path, planned: PlannedShot) -> None:
@@ -363,7 +353,6 @@ def plan_of_settings(scene: bpy.types.Scene) -> Generator[float, None, str]:
     settings.shot_plan = f"{place}/{plan_file.NAME}"
     settings.use_shot_plan = True
     note_cameras(scene)
-    note_output(scene, "plan", planned.report.verdict.sentence)
     return f"{sentence(planned)} The plan is in {place_of(folder)}."
 
 

@@ -114,20 +114,13 @@ class CROWDLOD_PT_exceptions(Step, bpy.types.Panel):
         column.prop(entry, "kind")
         if entry.kind == "GROUP":
             column.prop_search(entry, "group_name", entry.id_data.crowd_lod, "groups")
-        elif entry.kind in ("NUDGE", "TURN"):
-            column.prop(entry, {"NUDGE": "move", "TURN": "turn"}[entry.kind])
+        elif entry.kind == "NUDGE":
+            column.prop(entry, "move")
         else:
             active_column(column, entry.kind != "HIDE").prop(entry, "level")
         column.prop(entry, "chosen_by")
-        column.prop(
-            entry,
-            {"MAP": "map_image", "REGION": "region", "VOLUME": "region"}.get(
-                entry.chosen_by, "agents"
-            ),
-        )
+        column.prop(entry, "region" if entry.chosen_by == "REGION" else "agents")
         by_place = active_column(column, entry.chosen_by != "NUMBERS")
-        by_place.prop(entry, "share")
-        by_place.prop(entry, "share_seed")
         by_place.operator("crowd_lod.find_agents", icon="VIEWZOOM")
         span = active_column(column, entry.kind not in EDITS)
         span.prop(entry, "all_frames")
@@ -158,9 +151,7 @@ class CROWDLOD_PT_plan_output(Step, bpy.types.Panel):
         column.prop(frames, "frame_start")
         column.prop(frames, "frame_end")
         layout.prop(settings, "frames")
-        row = layout.row(align=True)
-        row.prop(settings, "output_folder")
-        row.operator("crowd_lod.open_report", text="", icon="URL").which = "ALL"
+        layout.prop(settings, "output_folder")
         layout.prop(settings, "shot_plan")
 
 

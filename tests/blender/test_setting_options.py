@@ -29,8 +29,10 @@ def test_options_set_the_settings_that_they_are(settings):
     assert settings.plan_blurred and not settings.usd_animated
     apply(settings, "export", "x", "--animated")
     assert settings.usd_animated
-    apply(settings, "scene", "x", "--characters", "y", "--up", "y-left", "--unit", "cm")
-    assert (settings.tracks_up, settings.tracks_unit) == ("Y_LEFT", "CM")
+    apply(
+        settings, "scene", "x", "--characters", "y", "--up", "y-left", "--columns", "id,frame,x,y"
+    )
+    assert (settings.tracks_up, settings.tracks_columns) == ("Y_LEFT", "id,frame,x,y")
 
 
 def test_what_no_option_gives_stays(settings):
