@@ -12,7 +12,7 @@ from .file_commands import add_build, add_export, add_sample
 from .new_scene import add_new_scene
 from .picture_commands import add_preview, add_verify
 from .plan_commands import add_explain, add_plan_shot
-from .report_commands import add_cull, add_error, add_extremes
+from .report_commands import add_error, add_extremes
 from .simulate import add_simulate
 from .update_command import add_update
 
@@ -31,7 +31,7 @@ COMMANDS = (
     add_simulate,
     add_calibrate,
 )
-REPORTS = (add_error, add_extremes, add_cull)
+REPORTS = (add_error, add_extremes)
 
 
 def parser(program: str) -> argparse.ArgumentParser:

@@ -39,10 +39,7 @@ def add_plan_shot(commands, program: str) -> None:
     add_setting(command, "--seed", "seed", "N")
     add_setting(command, "--tolerance", "tolerance", "PX")
     add_setting(command, "--avoid-pops", "avoid_pops", "PART")
-    add_setting(command, "--variety", "variety", "PART")
-    add_setting(command, "--blur", "plan_blurred")
     add_setting(command, "--triangles", "budget_triangles", "N")
-    add_setting(command, "--vertices", "budget_vertices", "N")
     add_setting(command, "--lod0", "budget_finest", "N")
     add_setting(command, "--memory", "budget_memory", "MB")
 

@@ -22,7 +22,7 @@ from ...crowd_lod.reporting.shot_report import ShotReport
 from ...crowd_lod.shot import plan_file
 from ...crowd_lod.shot.budget import BudgetPlan, decide_within
 from ...crowd_lod.shot.budget_points import BudgetPoint, budget_sentence, find_points, fitting_point
-from ...crowd_lod.shot.coloring import VARIETY, PhasePlan, plan_phases
+from ...crowd_lod.shot.coloring import PhasePlan, plan_phases
 from ...crowd_lod.shot.curve import curve_of
 from ...crowd_lod.shot.exceptions import Exemption, excepted, marked
 from ...crowd_lod.shot.meetings import strides_of
@@ -72,16 +72,12 @@ class PlanRequest:
     folder: where the plan goes.
     avoid: the part by which the shot may cost more, to avoid switches in sight.
     budget: what each frame may take.
-    variety: the part of close neighbors that may be in step.
-    blurred: whether LODs may be as many pixels coarser as their agents are blurred wide.
     """
 
     frames: Sequence[int]
     folder: Path
     avoid: float = 0.05
     budget: Budget = Budget()
-    blurred: bool = False
-    variety: float = VARIETY
 
 
 @dataclass(frozen=True)
@@ -124,12 +120,11 @@ def _plan_ready(
     trajectory = trajectory_of(scene)
     policy = policy_of(scene.crowd_lod)
     exemptions = exemptions_of(scene, trajectory, policy, request.frames)
-    through = yield from share(survey_of(scene, request.frames, request.blurred), 0.0, surveyed)
+    through = yield from share(survey_of(scene, request.frames), 0.0, surveyed)
     coloring = plan_phases(
         through.survey,
         strides_of(measured_groups(scene), trajectory.gaits),
         policy.tolerance,
-        request.variety,
         trajectory.given_phases,
         trajectory.wearer,
     )
@@ -274,8 +269,6 @@ def requested_of(request: PlanRequest) -> dict[str, Any]:
     }
     return {
         "avoid_pops": request.avoid,
-        "variety": request.variety,
-        "blur": request.blurred,
         "budget": budget,
     }
 
@@ -310,8 +303,6 @@ def wanted_of(scene: bpy.types.Scene, folder: Path, frames: Sequence[int]) -> Pl
         folder,
         avoid=round(settings.avoid_pops, 6),
         budget=budget_of(settings),
-        blurred=settings.plan_blurred,
-        variety=round(settings.variety, 6),
     )
 
 
@@ -370,19 +361,6 @@ class CROWDLOD_OT_plan_shot(Stepwise, bpy.types.Operator):
         return (yield from plan_of_settings(context.scene))
 
 
-class CROWDLOD_OT_remove_plan(Reporting, bpy.types.Operator):
-    """Take LODs by distance again; the plan's files stay"""
-
-    bl_idname = "crowd_lod.remove_plan"
-    bl_label = "Remove Plan"
-    needs = (needs.plan,)
-
-    def run(self, context) -> str:
-        settings = context.scene.crowd_lod
-        settings.shot_plan = ""
-        return "LODs follow from distances again."
-
-
 class CROWDLOD_OT_go_to_switch(Reporting, bpy.types.Operator):
     bl_description = (
         "Go to the frame of the largest change in sight, and mark its agent; again, to the next "
@@ -414,4 +392,4 @@ class CROWDLOD_OT_go_to_switch(Reporting, bpy.types.Operator):
         )
 
 
-CLASSES = (CROWDLOD_OT_plan_shot, CROWDLOD_OT_remove_plan, CROWDLOD_OT_go_to_switch)
+CLASSES = (CROWDLOD_OT_plan_shot, CROWDLOD_OT_go_to_switch)

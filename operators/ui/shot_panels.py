@@ -33,11 +33,10 @@ class CROWDLOD_PT_plan(Step, bpy.types.Panel):
         _with_report(
             layout, "crowd_lod.plan_shot", "TIME", "PLAN", steps.next_operator(context.scene)
         )
-        row = layout.row(align=True)
+        row = layout.row()
         row.use_property_split = False
         row.enabled = bool(settings.shot_plan)
         row.prop(settings, "use_shot_plan", toggle=True)
-        row.operator("crowd_lod.remove_plan", text="", icon="TRASH")
         if settings.shot_verdict:
             paragraph(layout, settings.shot_verdict, "HIDE_OFF", letters_of(context))
         layout.operator("crowd_lod.go_to_switch", icon="VIEWZOOM")
@@ -127,15 +126,6 @@ class CROWDLOD_PT_exceptions(Step, bpy.types.Panel):
         frames = active_column(span, not entry.all_frames)
         frames.prop(entry, "first_frame")
         frames.prop(entry, "last_frame")
-
-
-class CROWDLOD_PT_plan_advanced(Step, bpy.types.Panel):
-    bl_label = "Advanced"
-    bl_parent_id = "CROWDLOD_PT_plan"
-
-    def body(self, context, layout, settings) -> None:
-        layout.prop(settings, "variety")
-        wide(layout, settings, "plan_blurred")
 
 
 class CROWDLOD_PT_plan_output(Step, bpy.types.Panel):
@@ -362,7 +352,6 @@ CLASSES = (
     CROWDLOD_PT_budget,
     CROWDLOD_PT_exceptions,
     CROWDLOD_PT_plan_output,
-    CROWDLOD_PT_plan_advanced,
     CROWDLOD_PT_preview,
     CROWDLOD_PT_preview_advanced,
     CROWDLOD_PT_build,

@@ -24,9 +24,9 @@ def test_options_set_the_settings_that_they_are(settings):
     apply(settings, "verify", "x", "--width", 64, "--samples", 2, "--step", 3)
     assert (settings.width, settings.verify_width, settings.verify_samples) == (96, 64, 2)
     assert settings.step == 3
-    apply(settings, "plan", "x", "--triangles", "2e6", "--blur", "--memory", 64)
+    apply(settings, "plan", "x", "--triangles", "2e6", "--memory", 64)
     assert (settings.budget_triangles, settings.budget_memory) == (2_000_000, 64)
-    assert settings.plan_blurred and not settings.usd_animated
+    assert not settings.usd_animated
     apply(settings, "export", "x", "--animated")
     assert settings.usd_animated
     apply(
