@@ -232,7 +232,7 @@ class CROWDLOD_PT_cost(Step, bpy.types.Panel):
         button(layout, "crowd_lod.estimate", icon="MEMORY")
         column = layout.column(align=True)
         for name, *figures in (line.split("\t") for line in settings.estimate.splitlines()):
-            row = column.split(factor=0.33)
+            row = column.split(factor=0.42)
             # the engine's frames, and the choice that is baked, are in the report
             label(row, "Baked" if name.endswith(", Baked") else name.partition(",")[0])
             for text, part in zip(figures, (0.5, 1.0), strict=False):
