@@ -1,37 +1,26 @@
 """The shot plan within a budget: the least tolerance that fits, then the least cost under it.
 
-One multiplier a frame and kind of budget makes load costly where a frame is over its budget
-(Lagrange relaxation; steps by Polyak 1969). The program of shot.py then decides as without a
-budget, and what it finds is a lower bound. See docs/notes/shot_plan.md.
+The program of shot.py decides as without a budget. Where it keeps finer LODs than a frame has room
+for, to avoid switches, agents are pinned to the coarsest, and it decides again. See
+docs/notes/shot_plan.md.
 """
 
 from collections.abc import Generator
-from dataclasses import dataclass, field, replace
-from math import fsum, inf
+from dataclasses import dataclass, replace
+from math import inf
 
 import numpy as np
 
 from ..errors import CrowdError
 from ..levels.budget_fit import Budget
 from ..levels.cost_model import price
+from ..levels.least_tolerance import least_tolerance
 from ..progress import share
-from .shot import (
-    ShotPlan,
-    by_character,
-    decide,
-    decided,
-    floor,
-    objective,
-    shared_table,
-)
-from .shot_cost import NOTICED, Bill, Shot, shown_by, work_in
-from .survey import at_tolerance
+from .shot import ShotPlan, decide, objective, solutions
+from .shot_cost import Bill, Shot, work_in
+from .survey import SEEN, at_tolerance
 
-PRECISE = 1.002  # factor within which the least tolerance is found
-SLACK = 0.005  # part above its lower bound at which a search ends
-STEPS_MOST = 40  # of the search
-PATIENCE = 3  # steps without a better bound after which they become half as long
-BANNED = 1e30  # seconds, of a mesh that must not be shown
+ROUNDS = 8  # of pinning agents; where they are not enough, all have the coarsest LODs
 
 
 @dataclass(frozen=True)
@@ -40,8 +29,7 @@ class BudgetPlan(ShotPlan):
 
     tolerance: pixels that LODs may deviate, where the policy allows less. 0 if the policy's LODs
     fit.
-    bound: as in ShotPlan, of all plans within this tolerance and the budget. Infinite where a
-        budget of memory leaves LODs out.
+    bound: as in ShotPlan, above the least possible within this tolerance, budget or not.
     thresholds: of the policy as it is, which may be over the budget.
     """
 
@@ -69,21 +57,25 @@ class _Limits:
 
     def hold(self, shot: Shot, shown: np.ndarray) -> bool:
         """Return whether a shot that shows `shown` (F, K, L) agents is within all limits."""
-        return bool((self.loads(shown) <= self.most).all()) and _memory(shot, shown) <= self.memory
+        return bool((self.loads(shown) <= self.most).all()) and self.hold_memory(shot, shown)
+
+    def hold_memory(self, shot: Shot, shown: np.ndarray) -> bool:
+        """Return whether a shot that shows `shown` (F, K, L) agents is within that of memory."""
+        return _memory(shot, shown) <= self.memory
 
 
 def _limits(shot: Shot, budget: Budget) -> _Limits:
-    meshes = shot.meshes
-    owner = shot.survey.owner
-    first = np.zeros_like(meshes.triangles)
+    triangles = shot.meshes.triangles
+    first = np.zeros_like(triangles)
     first[:, 0] = 1
-    every = [
-        ("triangles", meshes.triangles, budget.triangles),
-    ]
-    every.append(("agents at LOD 0", first, inf if budget.finest is None else budget.finest))
-    limited = [one for one in every if one[2] != inf]
+    limited = []
+    if budget.triangles != inf:
+        limited.append(("triangles", triangles, budget.triangles))
+    if budget.finest is not None:
+        limited.append(("agents at LOD 0", first, budget.finest))
+    owner = shot.survey.owner
     unit_loads = np.array([table.T[:, owner] for _, table, _ in limited]).reshape(
-        -1, meshes.count, len(owner)
+        -1, shot.meshes.count, len(owner)
     )
     return _Limits(
         [name for name, *_ in limited],
@@ -110,23 +102,18 @@ def decide_within(
     """
     limits = _limits(shot, budget)
     _check(shot, limits)
-    plan = yield from share(decide(shot, avoid), 0.0, 1.0 if budget == Budget() else 0.1)
+    plan = yield from share(decide(shot, avoid), 0.0, 1.0 if budget == Budget() else 0.3)
+    if limits.hold(shot, plan.bill.agents_shown):
+        return BudgetPlan(**vars(plan), tolerance=0.0)
     thresholds = plan.thresholds
-    tolerance = 0.0
-    bound = plan.bound
-    levels = plan.levels
-    best_bill = plan.bill
-    weight = plan.weight
-    if not limits.hold(shot, best_bill.agents_shown):
-        tolerance = yield from share(_least_tolerance(shot, limits), 0.1, 0.2)
-        wide = relaxed(shot, tolerance)
-        if tolerance:
-            plan = yield from share(decide(wide, avoid), 0.2, 0.3)
-        search = _Search(wide, limits, plan.weight)
-        levels, best_bill = yield from share(search.best(plan), 0.3, 1.0)
-        weight = plan.weight
-        bound = search.gap if limits.memory == inf else inf
-    return BudgetPlan(levels, best_bill, thresholds, weight, bound, tolerance)
+    tolerance = yield from share(_least_tolerance(shot, limits), 0.3, 0.4)
+    wide = relaxed(shot, tolerance)
+    if tolerance:
+        plan = yield from share(decide(wide, avoid), 0.4, 0.7)
+    found = yield from share(_within(wide, limits, plan), 0.7, 1.0)
+    least = objective(plan.bill, plan.weight) / (1 + plan.bound)
+    bound = objective(found, plan.weight) / least - 1 if least > 0 else 0.0
+    return BudgetPlan(found.levels, found, thresholds, plan.weight, bound, tolerance)
 
 
 def _check(shot: Shot, limits: _Limits) -> None:
@@ -162,7 +149,7 @@ def relaxed(shot: Shot, tolerance: float) -> Shot:
 
 
 def _least_tolerance(shot: Shot, limits: _Limits) -> Generator[float, None, float]:
-    """Find the least tolerance at which the coarsest LODs are within the limits, by bisection.
+    """Find the least tolerance at which the coarsest LODs are within the limits.
 
     Yields the progress. Returns 0 if the policy's LODs are within them.
     """
@@ -178,176 +165,71 @@ def _least_tolerance(shot: Shot, limits: _Limits) -> Generator[float, None, floa
     bounds = shot.meshes.bounds
     low = float(scale.min() * bounds[bounds > 0].min(initial=inf))
     high = float(scale.max() * bounds.max())
-    width = np.log(high / low)
-    while high > PRECISE * low:
-        yield 1 - np.log(high / low) / width
-        middle = float(np.sqrt(low * high))
-        if fits(middle):
-            high = middle
-        else:
-            low = middle
-    return high
+    return (yield from least_tolerance(fits, low, high))
 
 
-@dataclass
-class _Search:
-    """The search for the best plan within limits.
+def _within(shot: Shot, limits: _Limits, plan: ShotPlan) -> Generator[float, None, Bill]:
+    """Decide on the shot within the limits: yield the progress, return the bill.
 
     shot: with LODs of which the coarsest are within the limits.
-    weight: seconds that one pixel of change counts as.
-    paid: seconds of the best plan so far.
-    bound: seconds that no plan can go below.
+    plan: of the shot without limits.
+
+    Agents that are pinned stay so. Few rounds are needed: the others have no cause to change.
     """
+    if limits.hold(shot, plan.bill.agents_shown):
+        return plan.bill
+    best = Bill(shot, shot.coarsest)
+    pinned = np.zeros(len(shot.survey.kind), bool)
+    for step in range(ROUNDS):
+        solving = solutions(_pinned(shot, pinned), plan.thresholds, plan.weight)
+        bills, _ = yield from share(solving, step / ROUNDS, (step + 1) / ROUNDS)
+        for found in bills:
+            cheaper = objective(found, plan.weight) < objective(best, plan.weight)
+            if cheaper and limits.hold(shot, found.agents_shown):
+                best = found
+        if limits.hold(shot, bills[0].agents_shown):
+            break
+        pinned |= _too_fine(shot, limits, bills[0])
+    return Bill(shot, best.levels, best.agents_shown)
 
-    shot: Shot
-    limits: _Limits
-    weight: float
-    paid: float = inf
-    bound: float = 0.0
-    solution: tuple[np.ndarray, Bill] = field(init=False)
 
-    @property
-    def gap(self) -> float:
-        """The part by which the best plan may lie above the least possible."""
-        return max(self.paid / self.bound - 1, 0.0) if self.bound > 0 else 0.0
+def _pinned(shot: Shot, pinned: np.ndarray) -> Shot:
+    """Return the shot in which the agents of cells `pinned` (N,) have their coarsest LODs."""
+    survey = shot.survey
+    finest = np.zeros_like(survey.coarsest) if survey.finest is None else survey.finest
+    finest = np.where(pinned & survey.is_seen, shot.allowed, finest)
+    return replace(shot, survey=replace(survey, finest=finest))
 
-    def best(self, plan: ShotPlan) -> Generator[float, None, tuple[np.ndarray, Bill]]:
-        """Yield the progress, return (levels (N,), their bill).
 
-        plan: of the shot without limits.
-        """
-        shot = self.shot
-        limits = self.limits
-        coarsest = self.keep(shot.coarsest)
-        banned = BANNED * ((coarsest.agents_shown == 0) & (limits.memory < inf))
-        fixed, least, table = floor(shot)
-        dual, prices = yield from share(
-            self.descend(table + banned, np.zeros((len(table), len(limits.most)))), 0.0, 0.6
-        )
-        self.bound = fixed + max(least, dual)
-        thresholds = plan.thresholds
-        if thresholds.meshes_matter:
-            again = shared_table(shot, thresholds, self.solution[1])
-            self.keep(by_character(shot, thresholds.mesh_seconds, self.weight))
-            yield from share(self.descend(again + banned, prices), 0.6, 1.0)
-        return self.solution
+def _too_fine(shot: Shot, limits: _Limits, bill: Bill) -> np.ndarray:
+    """Return the cells, (N,) bool, which coarsest LODs would bring within the limits.
 
-    def descend(
-        self, table: np.ndarray, prices: np.ndarray
-    ) -> Generator[float, None, tuple[float, np.ndarray]]:
-        """Raise the multipliers (F, Q) where frames are over their limits, and keep the best plan.
-
-        table: (F, K, L) seconds of an agent.
-        prices: the first multipliers, in seconds of one unit of load.
-        Returns (seconds by the table that no plan can go below, the multipliers which say so).
-        """
-        shot = self.shot
-        limits = self.limits
-        unit = np.maximum(limits.most, 1.0)
-        paid = inf
-        dual = -inf
-        best = prices
-        length = 1.0
-        stale = 0
-        for step in range(STEPS_MOST):
-            costs = table + (prices[:, :, None, None] * limits.unit_loads).sum(axis=1)
-            decision = decided(shot, costs.astype(np.float32), self.weight)
-            levels, cost = yield from share(decision, step / STEPS_MOST, (step + 1) / STEPS_MOST)
-            cost -= fsum((prices * limits.most).flat)
-            over = limits.loads(shown_by(shot, levels)) - limits.most
-            found = self.keep(self.repaired(levels, table, over))
-            paid = min(
-                paid, float((found.agents_shown * table).sum()) + self.weight * found.noticed
-            )
-            stale = 0 if cost > dual else stale + 1
-            if cost > dual:
-                dual = cost
-                best = prices
-            elif stale == PATIENCE:
-                length = length / 2
-                stale = 0
-            slope = np.where((prices > 0) | (over > 0), over / unit, 0.0)
-            steep = fsum((slope**2).flat)
-            if paid - dual <= SLACK * paid or not steep:
-                break
-            prices = np.maximum(prices + length * (paid - cost) / steep * slope / unit, 0.0)
-        return dual, best
-
-    def keep(self, levels: np.ndarray) -> Bill:
-        """Keep the levels (N,) if they are within the limits, and cost less than the best so far.
-
-        Returns their bill.
-        """
-        plan_bill = Bill(self.shot, levels)
-        paid = objective(plan_bill, self.weight)
-        if paid < self.paid and self.limits.hold(self.shot, plan_bill.agents_shown):
-            self.paid = paid
-            self.solution = (levels, plan_bill)
-        return plan_bill
-
-    def repaired(self, levels: np.ndarray, table: np.ndarray, over: np.ndarray) -> np.ndarray:
-        """Return the levels (N,) with coarser ones in frames that are over a limit."""
-        levels = levels.copy()
-        for f in np.flatnonzero((over > 0).any(axis=1)).tolist():
-            while self.coarsened(levels, table, f):
-                pass
-        return self.shot.carried(levels)
-
-    def coarsened(self, levels: np.ndarray, table: np.ndarray, f: int) -> bool:
-        """Give those agents coarser LODs in frame f that lose least for the load they relieve it
-        of.
-
-        Returns whether the frame may still be over a limit.
-        """
-        shot = self.shot
-        limits = self.limits
-        agents, cells = shot.survey.cells.in_frame(f)
-        seen = np.flatnonzero(shot.survey.is_seen[cells])
-        agents = agents[seen]
-        cells = cells[seen]
-        character = shot.survey.character[cells]
-        now = levels[cells]
-        columns = np.arange(len(agents))
-        unit_loads = limits.unit_loads[:, :, character]
-        loads = unit_loads[:, now, columns]
-        over = loads.sum(axis=1) - limits.most
-        if not (over > 0).any():
-            return False
-        relief = loads[:, None] - unit_loads
-        eased = (relief[over > 0] / over[over > 0, None, None]).sum(axis=0)
-        cost = table[f][:, character] + self.changes(levels, f, agents)
-        lost = cost - cost[now, columns]
-        numbers = np.arange(len(cost))[:, None]
-        free = (
-            (numbers > now) & (numbers <= shot.allowed[cells]) & (eased > 0) & (lost < BANNED / 2)
-        )
-        rate = np.where(free, lost / np.where(free, eased, 1.0), inf)
-        to = rate.argmin(axis=0)
-        order = np.argsort(rate[to, columns], kind="stable")
-        order = order[np.isfinite(rate[to, columns][order])]
-        if not len(order):
-            return False
-        gained = relief[:, to, columns][:, order].cumsum(axis=1)
-        taken = order[: 1 + int((gained < over[:, None]).any(axis=0).sum())]
-        levels[cells[taken]] = to[taken]
-        return True
-
-    def changes(self, levels: np.ndarray, f: int, agents: np.ndarray) -> np.ndarray:
-        """Return the seconds as which switches of `agents` (m,) would count with each LOD in frame
-        f, (K, m).
-        """
-        survey = self.shot.survey
-        bounds = self.shot.meshes.bounds.T[:, survey.group[agents]]
-        numbers = np.arange(len(bounds))[:, None]
-        total = np.zeros(bounds.shape)
-        for other, later in ((f - 1, f), (f + 1, f + 1)):
-            if not 0 <= other < len(survey.times) or survey.cuts[later]:
-                continue
-            (held,) = np.nonzero(survey.cells.holds(other, agents))
-            held = held[survey.is_seen[survey.cells.at(other, agents[held])]]
-            beside = levels[survey.cells.at(other, agents[held])]
-            scale = survey.scale[survey.cells.at(later, agents[held])].astype(np.float64)
-            theirs = bounds[:, held]
-            pixels = scale * (theirs + theirs[beside, np.arange(len(held))]) + NOTICED
-            total[:, held] += pixels * (numbers != beside)
-        return self.weight * total
+    In each frame over a limit those agents that show the least pixels for the load they relieve it
+    of. Over the limit of memory all that show a mesh which the coarsest LODs of its frame do not
+    show.
+    """
+    survey = shot.survey
+    cells_to_pin = np.zeros(len(survey.kind), bool)
+    over = limits.loads(bill.agents_shown) - limits.most
+    for f in np.flatnonzero((over > 0).any(axis=1)).tolist():
+        _, cells = survey.cells.in_frame(f)
+        cells = cells[survey.is_seen[cells]]
+        cells = cells[bill.levels[cells] < shot.allowed[cells]]
+        character = survey.character[cells]
+        now = limits.unit_loads[:, bill.levels[cells], character]
+        relief = now - limits.unit_loads[:, shot.allowed[cells], character]
+        exceeded = over[f] > 0
+        eased = (relief[exceeded] / over[f][exceeded, None]).sum(axis=0)
+        pixels = survey.scale[cells].astype(np.float64)
+        rate = np.where(eased > 0, pixels / np.where(eased > 0, eased, 1.0), inf)
+        order = np.argsort(rate, kind="stable")
+        relieved = relief[:, order].cumsum(axis=1)
+        enough = 1 + int((relieved < over[f][:, None]).any(axis=0).sum())
+        cells_to_pin[cells[order[:enough]]] = True
+    if not limits.hold_memory(shot, bill.agents_shown):
+        is_shown = shot.least_shown > 0
+        columns = cells_to_pin, bill.levels, survey.character, survey.kind
+        for block, rows, levels, character, kind in survey.cells.tables(*columns):
+            frame = np.arange(block.begin, block.end)[:, None]
+            rows |= (kind == SEEN) & ~is_shown[frame, levels, character]
+    return cells_to_pin

@@ -293,25 +293,33 @@ def sampled(shot: Shot, most: int) -> tuple[Shot, np.ndarray]:
 
 
 def solved(shot: Shot, thresholds: Bill, weight: float) -> Generator[float, None, Solution]:
-    """Return the levels of least cost that are found for one weight of switches.
+    """Return the levels of least cost that are found for one weight of switches."""
+    bills, shared = yield from solutions(shot, thresholds, weight)
+    return min(bills, key=lambda plan_bill: objective(plan_bill, weight)), shared
 
-    Where meshes cost much, two rounds: in the first an agent pays its share of a mesh, as if all
-    that may show it did. In the second the meshes of the first cost next to nothing, and all others
-    their whole price.
+
+def solutions(
+    shot: Shot, thresholds: Bill, weight: float
+) -> Generator[float, None, tuple[list[Bill], float | None]]:
+    """Return the bills of levels of about the least cost for one weight of switches, and a lower
+    bound, as of Solution.
+
+    Where meshes cost much, there are three, and two rounds: in the first an agent pays its share of
+    a mesh, as if all that may show it did. In the second the meshes of the first cost next to
+    nothing, and all others their whole price. In the third each character shows one LOD in a frame.
     """
     table = _table(shot, thresholds.mesh_shares)
     levels, shared = yield from share(decided(shot, table, weight), 0.0, 0.5)
     first = Bill(shot, levels)
     if not thresholds.meshes_matter:
-        return first, shared if "traced" not in shot.costs.seconds else None
-    table = shared_table(shot, thresholds, first)
+        return [first], shared if "traced" not in shot.costs.seconds else None
+    table = _shared_table(shot, thresholds, first)
     again, _ = yield from share(decided(shot, table, weight), 0.5, 1.0)
     whole = by_character(shot, thresholds.mesh_seconds, weight)
-    bills = first, Bill(shot, again), Bill(shot, whole)
-    return min(bills, key=lambda plan_bill: objective(plan_bill, weight)), None
+    return [first, Bill(shot, again), Bill(shot, whole)], None
 
 
-def shared_table(shot: Shot, thresholds: Bill, plan_bill: Bill) -> np.ndarray:
+def _shared_table(shot: Shot, thresholds: Bill, plan_bill: Bill) -> np.ndarray:
     """Return (F, K, L) float32 seconds of an agent if meshes that `plan_bill` shows cost next to
     nothing.
     """
@@ -331,13 +339,13 @@ def lower_bound(
 
     shared: the least sum of agents that share meshes evenly, where it is known.
     """
-    fixed, least, table = floor(shot)
+    fixed, least, table = _floor(shot)
     if shared is None:
         _, shared = yield from decided(shot, table, weight)
     return fixed + max(least, shared)
 
 
-def floor(shot: Shot) -> tuple[float, float, np.ndarray]:
+def _floor(shot: Shot) -> tuple[float, float, np.ndarray]:
     """Return (fixed, least, table (F, K, L) float32), all in seconds, which bound every plan from
     below.
 

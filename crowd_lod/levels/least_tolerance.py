@@ -1,0 +1,27 @@
+"""The search for the least tolerance that fits a budget: of LODs, of memory and of a shot plan."""
+
+from collections.abc import Callable, Generator
+
+import numpy as np
+
+PRECISE = 1.002  # factor within which the least tolerance is found
+
+
+def least_tolerance(
+    fits: Callable[[float], bool], low: float, high: float
+) -> Generator[float, None, float]:
+    """Find the least tolerance that fits, by bisection: yield the progress, return it.
+
+    fits: whether a tolerance fits, in pixels; what a larger one takes is no more.
+    low: pixels, above 0, which do not fit.
+    high: pixels, which do.
+    """
+    width = np.log(high / low)
+    while high > PRECISE * low:
+        yield 1 - np.log(high / low) / width
+        middle = float(np.sqrt(low * high))
+        if fits(middle):
+            high = middle
+        else:
+            low = middle
+    return high
