@@ -8,10 +8,11 @@ import numpy as np
 
 from ..crowd.agents import CLASSES, FEWEST_CLASSES, Group
 from ..errors import CrowdError
+from ..progress import finished
 from .cost_model import Actors, price, stored_triangles, work_of
+from .least_tolerance import least_tolerance
 from .selection import GroupShot, View
 
-PRECISE = 1.01  # factor within which the least tolerance is found
 TIGHT = 4.0  # a budget below so many times the least that is guessed may be impossible
 SLACK = 1.05  # factor of that tolerance with which fewer LODs are enough
 
@@ -187,13 +188,7 @@ class BudgetSearch:
         """
         pairs = zip(self.groups, self.sightings, strict=True)
         high = max(max(group.bounds) * seen.scale.max(initial=0.0) for group, seen in pairs)
-        while high > PRECISE * low:
-            middle = float(np.sqrt(low * high))
-            if self.hold(self.every, middle):
-                high = middle
-            else:
-                low = middle
-        return high
+        return finished(least_tolerance(lambda pixels: self.hold(self.every, pixels), low, high))
 
     def _pruned(self, tolerance: float) -> list[list[int]]:
         """Return the candidates without those that frames need not to hold the budget.

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-import numpy as np
 
 from ..shot.budget import BudgetPlan
 from ..shot.budget_points import BudgetPoint
@@ -48,7 +47,7 @@ def shot_facts(
             "costs": shot.costs.basis,
             "tolerance": stored.tolerance,
             "tolerance_raised": bool(plan.tolerance) if isinstance(plan, BudgetPlan) else False,
-            "most_above_optimum": plan.bound if np.isfinite(plan.bound) else None,
+            "most_above_optimum": plan.bound,
             "asked": dict(requested),
             "verdict": {"sentence": report.verdict.sentence, **asdict(report.verdict)},
             "plan": _totals(shot, plan.bill),

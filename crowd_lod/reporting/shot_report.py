@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -117,7 +116,6 @@ def figures_of(report: ShotReport) -> list[tuple[str, str]]:
     before = report.plan.thresholds
     seconds, triangles, memory = of_full_detail(report.shot, bill)
     costs = report.shot.costs
-    bound = f"{report.plan.bound:.2%}" if isfinite(report.plan.bound) else "not known"
     return [
         (f"{triangles:.1%}", "of full detail's triangles"),
         (f"{seconds:.0%}", f"of its time in {NAMES[costs.engine]}, by costs of {costs.basis}"),
@@ -126,7 +124,7 @@ def figures_of(report: ShotReport) -> list[tuple[str, str]]:
             f"{int(bill.switches.sum()):,}",
             f"switches in sight, {int(before.switches.sum()):,} by thresholds",
         ),
-        (bound, "above the least possible at most"),
+        (f"{report.plan.bound:.2%}", "above the least possible at most"),
         (f"{number(bill.error)} px", "largest deviation of a LOD"),
         (f"{number(bill.most)} px", "largest change by a switch"),
         (f"{report.phases.in_step:.1%}", "of close neighbors in step"),

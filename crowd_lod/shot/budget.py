@@ -1,8 +1,8 @@
 """The shot plan within a budget: the least tolerance that fits, then the least cost under it.
 
-The program of shot.py decides as without a budget. Where it keeps finer LODs than a frame has room
-for, to avoid switches, agents are pinned to the coarsest, and it decides again. See
-docs/notes/shot_plan.md.
+The program of shot.py decides as without a budget, at a tolerance a little above the least. Where it
+keeps finer LODs than a frame has room for, to avoid switches, these weigh less until the plan fits.
+See docs/notes/shot_plan.md.
 """
 
 from collections.abc import Generator
@@ -16,11 +16,13 @@ from ..levels.budget_fit import Budget
 from ..levels.cost_model import price
 from ..levels.least_tolerance import least_tolerance
 from ..progress import share
-from .shot import ShotPlan, decide, objective, solutions
+from .shot import ShotPlan, decide, decided, objective, shared_table, solutions
 from .shot_cost import Bill, Shot, work_in
-from .survey import SEEN, at_tolerance
+from .survey import at_tolerance
 
-ROUNDS = 8  # of pinning agents; where they are not enough, all have the coarsest LODs
+SPARE = 1.04  # factor of the least tolerance: without room a plan would follow every trembling
+STEPS = 9  # of the search for the weight of switches
+LEAST = 4.0**-6  # the least weight of the search, as a part of the plan's
 
 
 @dataclass(frozen=True)
@@ -57,11 +59,7 @@ class _Limits:
 
     def hold(self, shot: Shot, shown: np.ndarray) -> bool:
         """Return whether a shot that shows `shown` (F, K, L) agents is within all limits."""
-        return bool((self.loads(shown) <= self.most).all()) and self.hold_memory(shot, shown)
-
-    def hold_memory(self, shot: Shot, shown: np.ndarray) -> bool:
-        """Return whether a shot that shows `shown` (F, K, L) agents is within that of memory."""
-        return _memory(shot, shown) <= self.memory
+        return bool((self.loads(shown) <= self.most).all()) and _memory(shot, shown) <= self.memory
 
 
 def _limits(shot: Shot, budget: Budget) -> _Limits:
@@ -106,11 +104,11 @@ def decide_within(
     if limits.hold(shot, plan.bill.agents_shown):
         return BudgetPlan(**vars(plan), tolerance=0.0)
     thresholds = plan.thresholds
-    tolerance = yield from share(_least_tolerance(shot, limits), 0.3, 0.4)
+    tolerance = SPARE * (yield from share(_least_tolerance(shot, limits), 0.3, 0.4))
     wide = relaxed(shot, tolerance)
     if tolerance:
-        plan = yield from share(decide(wide, avoid), 0.4, 0.7)
-    found = yield from share(_within(wide, limits, plan), 0.7, 1.0)
+        plan = yield from share(decide(wide, avoid), 0.4, 0.6)
+    found = yield from share(_within(wide, limits, plan), 0.6, 1.0)
     least = objective(plan.bill, plan.weight) / (1 + plan.bound)
     bound = objective(found, plan.weight) / least - 1 if least > 0 else 0.0
     return BudgetPlan(found.levels, found, thresholds, plan.weight, bound, tolerance)
@@ -174,62 +172,41 @@ def _within(shot: Shot, limits: _Limits, plan: ShotPlan) -> Generator[float, Non
     shot: with LODs of which the coarsest are within the limits.
     plan: of the shot without limits.
 
-    Agents that are pinned stay so. Few rounds are needed: the others have no cause to change.
+    The less switches weigh, the nearer are the LODs to the coarsest. Of all bills within the limits
+    that the search for the largest weight comes upon, the one that costs least by the plan's weight
+    is returned.
     """
-    if limits.hold(shot, plan.bill.agents_shown):
-        return plan.bill
-    best = Bill(shot, shot.coarsest)
-    pinned = np.zeros(len(shot.survey.kind), bool)
-    for step in range(ROUNDS):
-        solving = solutions(_pinned(shot, pinned), plan.thresholds, plan.weight)
-        bills, _ = yield from share(solving, step / ROUNDS, (step + 1) / ROUNDS)
-        for found in bills:
-            cheaper = objective(found, plan.weight) < objective(best, plan.weight)
-            if cheaper and limits.hold(shot, found.agents_shown):
-                best = found
-        if limits.hold(shot, bills[0].agents_shown):
+    coarsest = Bill(shot, shot.coarsest)
+    within = [found for found in (coarsest, plan.bill) if limits.hold(shot, found.agents_shown)]
+    low = LEAST * plan.weight
+    weight = high = plan.weight
+    for step in range(STEPS):
+        solving = _solutions(shot, plan.thresholds, weight, coarsest)
+        bills = yield from share(solving, step / STEPS, (step + 1) / STEPS)
+        within += [found for found in bills if limits.hold(shot, found.agents_shown)]
+        if limits.hold(shot, _cheapest(bills, weight).agents_shown):
+            low = weight
+        else:
+            high = weight
+        if low == high:
             break
-        pinned |= _too_fine(shot, limits, bills[0])
-    return Bill(shot, best.levels, best.agents_shown)
+        weight = float(np.sqrt(low * high))
+    return _cheapest(within, plan.weight)
 
 
-def _pinned(shot: Shot, pinned: np.ndarray) -> Shot:
-    """Return the shot in which the agents of cells `pinned` (N,) have their coarsest LODs."""
-    survey = shot.survey
-    finest = np.zeros_like(survey.coarsest) if survey.finest is None else survey.finest
-    finest = np.where(pinned & survey.is_seen, shot.allowed, finest)
-    return replace(shot, survey=replace(survey, finest=finest))
-
-
-def _too_fine(shot: Shot, limits: _Limits, bill: Bill) -> np.ndarray:
-    """Return the cells, (N,) bool, which coarsest LODs would bring within the limits.
-
-    In each frame over a limit those agents that show the least pixels for the load they relieve it
-    of. Over the limit of memory all that show a mesh which the coarsest LODs of its frame do not
-    show.
+def _solutions(
+    shot: Shot, thresholds: Bill, weight: float, coarsest: Bill
+) -> Generator[float, None, list[Bill]]:
+    """Return what `solutions` finds, and where meshes cost much what costs least among those that
+    the coarsest LODs show: a limit of memory may leave out all others.
     """
-    survey = shot.survey
-    cells_to_pin = np.zeros(len(survey.kind), bool)
-    over = limits.loads(bill.agents_shown) - limits.most
-    for f in np.flatnonzero((over > 0).any(axis=1)).tolist():
-        _, cells = survey.cells.in_frame(f)
-        cells = cells[survey.is_seen[cells]]
-        cells = cells[bill.levels[cells] < shot.allowed[cells]]
-        character = survey.character[cells]
-        now = limits.unit_loads[:, bill.levels[cells], character]
-        relief = now - limits.unit_loads[:, shot.allowed[cells], character]
-        exceeded = over[f] > 0
-        eased = (relief[exceeded] / over[f][exceeded, None]).sum(axis=0)
-        pixels = survey.scale[cells].astype(np.float64)
-        rate = np.where(eased > 0, pixels / np.where(eased > 0, eased, 1.0), inf)
-        order = np.argsort(rate, kind="stable")
-        relieved = relief[:, order].cumsum(axis=1)
-        enough = 1 + int((relieved < over[f][:, None]).any(axis=0).sum())
-        cells_to_pin[cells[order[:enough]]] = True
-    if not limits.hold_memory(shot, bill.agents_shown):
-        is_shown = shot.least_shown > 0
-        columns = cells_to_pin, bill.levels, survey.character, survey.kind
-        for block, rows, levels, character, kind in survey.cells.tables(*columns):
-            frame = np.arange(block.begin, block.end)[:, None]
-            rows |= (kind == SEEN) & ~is_shown[frame, levels, character]
-    return cells_to_pin
+    bills, _ = yield from share(solutions(shot, thresholds, weight), 0.0, 0.7)
+    if thresholds.meshes_matter:
+        table = shared_table(shot, thresholds, coarsest)
+        levels, _ = yield from share(decided(shot, table, weight), 0.7, 1.0)
+        bills.append(Bill(shot, levels))
+    return bills
+
+
+def _cheapest(bills: list[Bill], weight: float) -> Bill:
+    return min(bills, key=lambda found: objective(found, weight))

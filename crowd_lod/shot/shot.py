@@ -313,13 +313,13 @@ def solutions(
     first = Bill(shot, levels)
     if not thresholds.meshes_matter:
         return [first], shared if "traced" not in shot.costs.seconds else None
-    table = _shared_table(shot, thresholds, first)
+    table = shared_table(shot, thresholds, first)
     again, _ = yield from share(decided(shot, table, weight), 0.5, 1.0)
     whole = by_character(shot, thresholds.mesh_seconds, weight)
     return [first, Bill(shot, again), Bill(shot, whole)], None
 
 
-def _shared_table(shot: Shot, thresholds: Bill, plan_bill: Bill) -> np.ndarray:
+def shared_table(shot: Shot, thresholds: Bill, plan_bill: Bill) -> np.ndarray:
     """Return (F, K, L) float32 seconds of an agent if meshes that `plan_bill` shows cost next to
     nothing.
     """

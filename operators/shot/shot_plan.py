@@ -2,7 +2,7 @@
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
-from math import inf, isfinite
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -279,7 +279,6 @@ def sentence(planned: PlannedShot) -> str:
     frames = len(planned.stored.numbers)
     bill = plan.bill
     before = plan.thresholds
-    bound = f"; {plan.bound:.1%} above the least possible at most" if isfinite(plan.bound) else ""
     raised = (
         f" To fit in the budget, LODs deviate by up to {number(bill.error)} pixels."
         if plan.tolerance
@@ -290,8 +289,8 @@ def sentence(planned: PlannedShot) -> str:
         f"{planned.report.verdict.sentence} "
         f"{counted(frames, 'frame')} of {planned.report.people} planned. LODs change in sight "
         f"{counted(int(bill.switches.sum()), 'time')}, by distance "
-        f"{counted(int(before.switches.sum()), 'time')}, for {above:.1%} more cost at most{bound}."
-        f"{raised}"
+        f"{counted(int(before.switches.sum()), 'time')}, for {above:.1%} more cost at most; "
+        f"{plan.bound:.1%} above the least possible at most.{raised}"
     )
 
 
