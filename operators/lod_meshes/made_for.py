@@ -403,16 +403,14 @@ def _facts(scene: bpy.types.Scene) -> dict[str, str]:
     settings = scene.crowd_lod
     render = scene.render
     camera = scene.camera
-    method = settings.bl_rna.properties["method"].enum_items.get(settings.method)
-    facts = {"decimation": method.name if method else "unknown"}
     if settings.choice == "BY_RATIO":
-        return facts | {
+        return {
             "ratios": ", ".join(
                 f"{ratio:.3g}" for ratio in settings.ratios[1 : settings.level_count]
             )
         }
     part = render.resolution_percentage / 100
-    facts |= {
+    facts = {
         "tolerance": f"{settings.tolerance:g} px",
         "memory": f"{settings.memory:g} MB",
         "budget": budget_words(settings),

@@ -349,7 +349,6 @@ class CROWDLOD_PT_decimation(Step, bpy.types.Panel):
 
     def body(self, context, layout, settings) -> None:
         active_column(layout, settings.choice == "BY_RATIO").prop(settings, "metric")
-        layout.prop(settings, "method")
         active_column(layout, settings.choice == "BY_TOLERANCE").prop(settings, "shading_counts")
         wide(layout, settings, "hidden_surface_counts")
         layout.prop(settings, "scale_textures")

@@ -193,7 +193,6 @@ def test_the_plans_sphere_holds_lods_that_stick_out_of_the_character(tmp_path):
     home = character(body)
     scene = bpy.context.scene
     scene.crowd_lod.level_count = 2
-    scene.crowd_lod.method = "DECIMATE"
     list(make_levels(scene))
     level = scene.crowd_lod.levels.children[1].children[0].objects[0]
     level.data.transform(Matrix.Diagonal((3, 1, 2, 1)))  # an edited LOD
@@ -270,7 +269,6 @@ def sunk():
     settings.count = 1
     settings.size = (0.001, 0.001)
     settings.level_count = 2
-    settings.method = "DECIMATE"
     scene.render.fps = 24
     return scene
 

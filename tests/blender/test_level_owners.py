@@ -16,7 +16,6 @@ from ..support.characters import character, new, rig, skin, tube
 @pytest.fixture
 def scene(registered):
     scene = bpy.context.scene
-    scene.crowd_lod.method = "DECIMATE"  # the quickest
     return scene
 
 

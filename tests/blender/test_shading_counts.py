@@ -36,7 +36,6 @@ def striped(monkeypatch):
     settings = scene.crowd_lod
     settings.count = 60
     settings.size = (40, 60)
-    settings.method = "DECIMATE"
     settings.frames = "1"
     settings.choice = "BY_TOLERANCE"
     settings.tolerance = 20.0

@@ -55,7 +55,6 @@ def test_the_sidebar_keeps_its_answers_while_a_step_is_at_work(levelled, monkeyp
     with monkeypatch.context() as context:
         context.setitem(at_work, "crowd_lod.build", 0.5)
         levelled.crowd_lod.characters.children[0].name = "renamed"
-        levelled.crowd_lod.method = "POSE_AWARE"
         assert answers == (
             steps.next_operator(levelled),
             steps.messages(levelled),

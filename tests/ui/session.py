@@ -149,7 +149,6 @@ def threshold(*values: float):
 
 
 def levels():
-    settings().method = "DECIMATE"  # the quickest
     status = yield from robot.press("crowd_lod.make_levels")
     yield 1.0
     for part in ("06_levels_a", "06_levels_b", "06_levels_c"):
