@@ -267,16 +267,15 @@ class CROWDLOD_PT_levels(Step, bpy.types.Panel):
         self.draw_made(context, layout, settings)
 
     def draw_made(self, context, layout, settings) -> None:
-        """Draw two lines: what has changed since LODs were made, and about what others would be."""
+        """Draw what has changed since LODs were made, and a line on those of each group."""
         line = letters_of(context)
-        since, other_lods = steps.news_of_lods(context.scene)
+        since = steps.news_of_lods(context.scene)
         sentence = "Press Make LOD Meshes" if settings.levels is None else "LOD meshes are made"
         if since:
             sentence = f"Changed: {', '.join(since)}"
         label(
             layout, shorten(sentence, line, placeholder="..."), "FILE_REFRESH" if since else "INFO"
         )
-        label(layout, shorten(other_lods, line, placeholder="..."), "BLANK1")
         without = (
             f"no LOD pays in {NAMES[engine_of(context.scene)]}"
             if settings.choice == "BY_TOLERANCE"
