@@ -126,7 +126,7 @@ class Ladder:
         self.sources: list[sources.Source] = []
         self.homes: dict[float, bpy.types.Collection] = {}
         self.new_homes: dict[float, bpy.types.Collection] = {}
-        self.judge = Measure(name, objects, actions, settings.hidden_surface_counts)
+        self.judge = Measure(name, objects, actions)
         self.artists = given
         self.given: dict[float, GivenLod] = {}
         self.counts: dict[float, tuple[int, int]] = {}
@@ -156,7 +156,6 @@ class Ladder:
             VERSION,
             *["shading"] * bool(self.looks),
             *actions,
-            self.judge.hidden_counts,
         )
         meshes = [source for source in self.sources if source.mesh]
         triangles = [len(source.mesh.loops) - 2 * len(source.mesh.polygons) for source in meshes]

@@ -221,11 +221,6 @@ class LevelSettings:
         description="By tolerance, a LOD also begins only where its shaded picture differs by 2 % "
         "of white at most",
     )
-    hidden_surface_counts: BoolProperty(
-        name="Hidden Surface Counts",
-        description="Deviations heed surface that no direction shows in any pose, such as a body "
-        "within clothes: for characters that are cut open or looked into",
-    )
     level_count: IntProperty(
         update=push_all,
         name="Levels",

@@ -349,10 +349,8 @@ class CROWDLOD_PT_decimation(Step, bpy.types.Panel):
     def body(self, context, layout, settings) -> None:
         active_column(layout, settings.choice == "BY_RATIO").prop(settings, "metric")
         active_column(layout, settings.choice == "BY_TOLERANCE").prop(settings, "shading_counts")
-        wide(layout, settings, "hidden_surface_counts")
         layout.prop(settings, "scale_textures")
         layout.prop(settings, "bias_image")
-        button(layout, "crowd_lod.measure_levels", icon="DRIVER_DISTANCE")
 
 
 class CROWDLOD_PT_overlay(Step, bpy.types.Panel):

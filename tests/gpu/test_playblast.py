@@ -233,7 +233,6 @@ def test_a_preview_is_drawn_by_the_overlay(tmp_path, capfd):
         "--width",
         "160",
         "--quiet",
-        "--no-lod-pictures",
     ]
 
     def run(*words):
