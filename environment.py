@@ -91,7 +91,7 @@ def install() -> None:
         with LOG.open("wb") as log:
             for step in (
                 create,
-                [*pip, "--editable", f"{ROOT}[pictures,test]"],
+                [*pip, "--editable", f"{ROOT}[package,pictures,test]"],
                 [*pip, "--no-deps", ALONE],
             ):
                 if subprocess.call(

@@ -2,7 +2,7 @@
 
 Fetches the wheels that blender_manifest.toml lists, then validates and builds with Blender's own
 tool: the one of the Blender that the environment variable BLENDER names, or else the copy that
-ships inside the bpy module.
+ships inside the bpy module. README and docs become web pages in the zip.
 """
 
 import argparse
@@ -10,22 +10,34 @@ import base64
 import csv
 import hashlib
 import os
+import posixpath
 import re
 import subprocess
 import sys
+import tempfile
 import tomllib
 import zipfile
 import zlib
+from collections.abc import Collection
+from html import escape
 from importlib.util import find_spec
 from pathlib import Path
 
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.reporting import interrupt
 from crowd_lod_extension.crowd_lod.reporting.files import staged
+from crowd_lod_extension.crowd_lod.reporting.html_report import STYLE, document
 from crowd_lod_extension.crowd_lod.reporting.temporary_folder import own_temporary_folder
+from markdown import Markdown
 
 ROOT = Path(__file__).resolve().parent
 WHEELS = ROOT / "wheels"
+PAGE_STYLE = """
+body { max-width: 56rem } table { display: block; overflow-x: auto; margin: 1rem 0 }
+th, td { text-align: left; vertical-align: top } p, li { color: var(--ink) }
+pre { background: var(--card); border: 1px solid var(--line); padding: .8rem; overflow-x: auto }
+"""
+LINK = re.compile(r'(?<=<a href=")(?!\w+:)[^"#]+')  # to a file, without the heading
 
 
 class Failure(Exception):
@@ -48,12 +60,46 @@ def main() -> None:
     manifest = tomllib.loads((ROOT / "blender_manifest.toml").read_text(encoding="utf-8"))
     fetch([Path(wheel).name for wheel in manifest["wheels"]])
     extension_tool("validate", ROOT)
-    with staged(out) as stage:
+    with tempfile.TemporaryDirectory() as folder, staged(out) as stage:
         archive = stage / f"{manifest['id']}-{manifest['version']}.zip"
-        extension_tool("build", "--source-dir", ROOT, "--output-filepath", archive)
+        built = Path(folder) / archive.name
+        extension_tool("build", "--source-dir", ROOT, "--output-filepath", built)
+        write_web_pages(built, archive, manifest["website"])
         extension_tool("validate", archive)
     # at once, and in any encoding: a full stdout is an error here, not at exit
     os.write(1, os.fsencode(f"{out / archive.name}\n"))
+
+
+def write_web_pages(built: Path, archive: Path, website: str) -> None:
+    """Copy the zip `built` to `archive`, with web pages in place of its Markdown pages.
+
+    website: of the repository, where links lead whose files are not in the zip.
+    """
+    with zipfile.ZipFile(built) as source, zipfile.ZipFile(archive, "w") as target:
+        names = source.namelist()
+        for entry in source.infolist():
+            content = source.read(entry)
+            if entry.filename.endswith(".md"):
+                content = web_page(content.decode(), entry.filename, names, website).encode()
+                entry.filename = entry.filename.removesuffix(".md") + ".html"
+            target.writestr(entry, content)
+
+
+def web_page(text: str, name: str, names: Collection[str], website: str) -> str:
+    """Return the Markdown `text` as a web page.
+
+    name: of its file in the zip. names: of all files there.
+    """
+
+    def address_of(link: re.Match) -> str:
+        path = posixpath.normpath(posixpath.join(posixpath.dirname(name), link[0]))
+        if not any(each == path or each.startswith(f"{path}/") for each in names):
+            return f"{website}/blob/main/{path}"
+        return re.sub(r"\.md$", ".html", link[0])
+
+    markdown = Markdown(extensions=["fenced_code", "tables", "toc"], output_format="html")
+    content = LINK.sub(address_of, markdown.convert(text))
+    return document(escape(markdown.toc_tokens[0]["name"]), STYLE + PAGE_STYLE, [content])
 
 
 def fetch(names: list[str]) -> None:

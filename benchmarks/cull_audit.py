@@ -8,8 +8,79 @@ PAIRS: of camera and agent, over all lenses; 1,000,000 if not given.
 import sys
 import time
 
-from crowd_lod_extension.crowd_lod.validation.culling_audit import LENSES, audit
+import numpy as np
+from crowd_lod_extension.crowd_lod.culling.camera import Camera, crop, referential, window
+from crowd_lod_extension.crowd_lod.validation.culling_judge import Verdict, judge_culling
+from crowd_lod_extension.crowd_lod.validation.exact_frustum import scatter
 from crowd_lod_extension.crowd_lod.validation.extreme_cases import table, table_text
+
+# name: kind of camera, range of log10 of the fitted side (slope or meters), largest lens shift
+LENSES = {
+    "telephoto": ("PERSP", (-3.0, -1.0), 0.1),
+    "normal": ("PERSP", (-1.0, 0.5), 0.1),
+    "wide angle": ("PERSP", (0.5, 2.0), 0.1),
+    "shifted": ("PERSP", (-1.0, 1.0), 3.0),
+    "orthographic": ("ORTHO", (-1.0, 3.0), 1.0),
+    "panoramic": ("PANO", (0.0, 0.0), 0.0),
+    "sheared": ("PERSP", (-1.0, 0.5), 0.1),
+    # its rays may see beyond the planes, so the culling keeps more
+    "sheared, Cycles": ("PERSP", (-1.0, 0.5), 0.1),
+}
+AGENTS = 1000  # of each random camera
+
+
+def random_camera(random, lens):
+    """Return a camera with the lens `lens` of LENSES at a random place and rotation.
+
+    Some cameras are mirrored; one in five has a render border.
+    """
+    kind, (low, high), shift = LENSES[lens]
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.linalg.qr(random.normal(size=(3, 3)))[0]  # a rotation, mirrored or not
+    if lens.startswith("sheared"):
+        matrix[:3, :3] = np.diag(random.uniform(0.5, 2, 3)) @ matrix[:3, :3]
+    matrix[:3, 3] = random.normal(size=3) * 10.0 ** random.uniform(-1, 4)
+    width, height = random.integers(10, 4000, size=2).tolist()
+    pixels = width, height
+    fit = ("AUTO", "HORIZONTAL", "VERTICAL")[random.integers(3)]
+    aspect = tuple(random.uniform(0.5, 2, 2))
+    shifts = tuple(random.uniform(-shift, shift, 2))
+    shape = window(10.0 ** random.uniform(low, high), fit, pixels, aspect, shifts)
+    near = 10.0 ** random.uniform(-2, 0)
+    camera = Camera(
+        kind,
+        *referential(matrix),
+        shape,
+        near,
+        near + 10.0 ** random.uniform(0.5, 3),
+        pixels,
+        rays=lens.endswith("Cycles"),
+    )
+    if random.random() < 0.2:
+        left, bottom = random.uniform(0, 0.8, 2)
+        camera = crop(camera, left, left + 0.2, bottom, bottom + 0.2)
+    return camera
+
+
+def audit(lens, pairs, on_planes=0.0):
+    """Return the verdict on `pairs` random pairs of camera and agent.
+
+    lens: one of LENSES.
+    on_planes: the part of the agents within roundings of a plane.
+    """
+    return sum(_audits(lens, pairs, np.random.default_rng(0), on_planes), Verdict())
+
+
+def _audits(lens, pairs, random, on_planes):
+    while pairs > 0:
+        camera = random_camera(random, lens)
+        count = min(pairs, AGENTS)
+        radius = 10.0 ** random.uniform(-3, 1.5, 8)
+        group = random.integers(len(radius), size=count, dtype=np.uint8)
+        yield judge_culling(
+            camera, scatter(camera, radius[group], random, on_planes), radius, group
+        )
+        pairs -= count
 
 
 def main(pairs: int) -> None:

@@ -35,7 +35,7 @@ from crowd_lod_extension.crowd_lod.levels.assignment import (
 from crowd_lod_extension.crowd_lod.levels.cost_model import default_costs
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.reporting import files, tables
-from crowd_lod_extension.crowd_lod.shot.coloring import VARIETY, plan_phases
+from crowd_lod_extension.crowd_lod.shot.coloring import plan_phases
 from crowd_lod_extension.crowd_lod.shot.meetings import strides_of
 from crowd_lod_extension.crowd_lod.shot.phases import recast
 from crowd_lod_extension.crowd_lod.shot.recording import Recorder, begin_recording
@@ -250,7 +250,7 @@ def compared(
                 row(name, engine, f"hysteresis {width:g}{condition}", way_bill, thresholds, full)
             )
     strides = strides_of(GROUPS, gaits)
-    phases = finished(plan_phases(survey, strides, TOLERANCE, VARIETY)).phases
+    phases = finished(plan_phases(survey, strides, TOLERANCE)).phases
     of_few_classes = replace(shot, survey=recast(survey, phases))
     for part in avoid:
         made = finished(decide(of_few_classes, part))

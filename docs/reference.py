@@ -14,8 +14,6 @@ from typing import Any
 import bpy
 import crowd_lod_extension
 from bl_operators.presets import AddPresetBase
-from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
-from crowd_lod_extension.crowd_lod.reporting.state_graph import svg
 from crowd_lod_extension.operators import registration
 from crowd_lod_extension.operators.cli.arguments import parser
 from crowd_lod_extension.operators.settings.area_settings import CrowdLodArea
@@ -247,14 +245,9 @@ def commands_page() -> str:
     return "\n".join([about, *map(command_section, commands_of(parser("crowd-lod")))])
 
 
-def machine_picture() -> str:
-    return svg(load_preset("market"))
-
-
 PAGES = {
     "reference_settings.md": settings_page,
     "reference_commands.md": commands_page,
-    "state_machine.svg": machine_picture,
 }
 
 

@@ -16,9 +16,8 @@ _GAMMA = np.uint64(0x9E3779B97F4A7C15)
 STATE = np.uint64(0)
 THEN = np.uint64(0x14057B7EF767814F)
 TIME = np.uint64(0x5851F42D4C957F2D)
-# From an agent's first key: its looks, whether it is of a chosen share, its size.
+# From an agent's first key: its looks, its size.
 LOOKS = np.uint64(0x2545F4914F6CDD1D)
-CHOSEN = np.uint64(0x9FB21C651E98DF25)
 SIZE = np.uint64(0xD1342543DE82EF95)
 
 
@@ -41,7 +40,7 @@ def advance_keys(key: np.ndarray, events: np.ndarray) -> np.ndarray:
 def uniform(key: np.ndarray, stream: np.uint64) -> np.ndarray:
     """Return (n,) float64 in [0, 1), of 53 bits, one for each key (n,) uint64.
 
-    stream: which draw of the key: STATE, THEN, TIME, LOOKS, CHOSEN, SIZE, or a `named` one.
+    stream: which draw of the key: STATE, THEN, TIME, LOOKS, SIZE, or a `named` one.
     """
     return (_mixed(key ^ stream) >> np.uint64(11)) * 2.0**-53
 

@@ -20,13 +20,12 @@ SLACK = 1.05  # factor of that tolerance with which fewer LODs are enough
 class Budget:
     """What each frame of a shot may take at most.
 
-    triangles, vertices: of all seen agents.
+    triangles: of all seen agents.
     finest: seen agents at LOD 0; None for any number.
     memory: bytes of the engine, in the frame that takes most.
     """
 
     triangles: float = inf
-    vertices: float = inf
     finest: int | None = None
     memory: float = inf
 
@@ -34,7 +33,6 @@ class Budget:
 # by the field of Budget that limits it: the name of the setting, and how its value reads
 LIMITED: dict[str, tuple[str, Callable[[float], str]]] = {
     "triangles": ("Triangles", lambda value: f"{value:,.0f}"),
-    "vertices": ("Vertices", lambda value: f"{value:,.0f}"),
     "memory": ("Memory", lambda value: f"{value / 1e6:,.1f} MB"),
     "finest": ("Agents at LOD 0", lambda value: f"{value:,.0f}"),
 }
@@ -121,7 +119,7 @@ class BudgetSearch:
 
         keep: of each group, the candidates that there are.
         """
-        loads = {name: np.zeros(len(self.frames)) for name in ("triangles", "vertices", "finest")}
+        loads = {name: np.zeros(len(self.frames)) for name in ("triangles", "finest")}
         memory = np.zeros(1)
         rows = zip(self.groups, self.shots, self.sightings, keep, strict=True)
         for group, shot, seen, candidates in rows:
@@ -129,7 +127,6 @@ class BudgetSearch:
             frame = np.searchsorted(self.frames, seen.frame)
             columns = {
                 "triangles": group.triangles,
-                "vertices": group.vertices or group.triangles,
                 "finest": np.arange(len(group.triangles)) == 0,
             }
             for name, column in columns.items():
@@ -180,9 +177,8 @@ class BudgetSearch:
     def _is_tight(self) -> bool:
         """Return whether the coarsest candidates may be needed, or not even be enough."""
         loads = self.loads(self.every, inf)
-        sizes = {name: float(loads[name].max(initial=0.0)) for name in ("triangles", "vertices")}
-        is_near = any(TIGHT * size > getattr(self.budget, name) for name, size in sizes.items())
-        return is_near or bool(self.exceeded(self.every, inf))
+        is_near = TIGHT * loads["triangles"].max(initial=0.0) > self.budget.triangles
+        return bool(is_near or self.exceeded(self.every, inf))
 
     def _least_tolerance(self, low: float) -> float:
         """Return the least tolerance at which all candidates together hold the budget, pixels.

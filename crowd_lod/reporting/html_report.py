@@ -3,7 +3,6 @@
 It stands beside its pictures.
 """
 
-import json
 from collections.abc import Sequence
 from html import escape
 from pathlib import PurePath
@@ -12,10 +11,8 @@ from urllib.parse import quote
 import numpy as np
 
 from .. import srgb
-from ..crowd.state_machine import parse
 from ..format import number
 from ..validation.shaded_pictures import WITHIN
-from . import state_graph
 
 METHODS = {"POSE_AWARE": "Pose-Aware"}  # as pages name them
 STYLE = """
@@ -94,9 +91,6 @@ def parts_of(plan: dict) -> list[str]:
     if levels["dropped"]:
         items = "".join(f"<li>{escape(name)}</li>" for name in levels["dropped"])
         parts.append(f"<h3>Not made</h3><ul>{items}</ul>")
-    if plan.get("machine"):
-        graph = state_graph.svg(parse(json.dumps(plan["machine"]), "plan.json"))
-        parts += ["<h2>State machine</h2>", f"<section>{graph}</section>"]
     keys = [key for key in rows[0] if not key.endswith(("_ms", "vertices"))]
     head = [
         f"LOD {key[3:]}" if key.startswith("lod") else key.replace("_", " ").capitalize()

@@ -9,7 +9,6 @@ from ..format import number
 from ..shot.survey import CULLED, SEEN
 from ..shot.switches import NOTHING, WORST, largest
 from ..shot.unneeded import unneeded
-from . import switch_figures
 from .html_report import STYLE, cards, document, list_of, name_of, parts_of, table_of
 from .shot_plots import PLOTS_STYLE, plots_of, timeline
 from .shot_report import ShotReport, figures_of, lead_of, warnings_of
@@ -22,7 +21,7 @@ def shot_page(report: ShotReport) -> str:
     """Return the web page on a planned shot; all text is escaped."""
     return document(
         f"{escape(report.title)}: shot plan",
-        STYLE + PLOTS_STYLE + switch_figures.CROPS_STYLE,
+        STYLE + PLOTS_STYLE,
         shot_parts(report),
     )
 
@@ -34,7 +33,7 @@ def preview_page(report: ShotReport, plan: dict[str, Any]) -> str:
     """
     return document(
         f"{name_of(plan)}: levels of detail",
-        STYLE + PLOTS_STYLE + switch_figures.CROPS_STYLE,
+        STYLE + PLOTS_STYLE,
         [*shot_parts(report), *parts_of(plan)],
     )
 
@@ -71,12 +70,7 @@ def shot_parts(report: ShotReport) -> list[str]:
 
 def _worst(report: ShotReport) -> str:
     rows = [_cells(row) for row in largest(report.noticed, WORST)]
-    titles = [
-        f"Frame {frame}, agent {agent}: {before} to {after}"
-        for frame, agent, before, after, *_ in rows
-    ]
-    figures = switch_figures.figures(titles, report.crops)
-    return f"<h2>The largest changes</h2>{table_of(HEAD, rows)}{figures}" if rows else ""
+    return f"<h2>The largest changes</h2>{table_of(HEAD, rows)}" if rows else ""
 
 
 def _switch_table(report: ShotReport) -> str:

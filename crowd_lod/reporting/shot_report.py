@@ -35,7 +35,6 @@ class ShotReport:
     tints: (r, g, b) linear, of each LOD.
     milliseconds: of each stage of the survey, the mean of a frame; empty if it was not timed.
     left_out: what the surroundings of the last frame do not need, and why.
-    crops: of the largest changes, see switch_figures.figures; empty if none were drawn.
     """
 
     title: str
@@ -50,7 +49,6 @@ class ShotReport:
     tints: Sequence[Sequence[float]]
     milliseconds: Mapping[str, float]
     left_out: Sequence[LeftOut] = ()
-    crops: Sequence[tuple[np.ndarray, np.ndarray] | None] = ()
     worn: int = 0
 
     @property

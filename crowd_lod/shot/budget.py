@@ -79,7 +79,6 @@ def _limits(shot: Shot, budget: Budget) -> _Limits:
     first[:, 0] = 1
     every = [
         ("triangles", meshes.triangles, budget.triangles),
-        ("vertices", meshes.vertices, budget.vertices),
     ]
     every.append(("agents at LOD 0", first, inf if budget.finest is None else budget.finest))
     limited = [one for one in every if one[2] != inf]

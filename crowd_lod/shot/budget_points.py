@@ -17,14 +17,13 @@ class BudgetPoint:
     """The least that the frame takes which takes most, with LODs that may deviate so far.
 
     pixels: by which a LOD deviates at most.
-    triangles, vertices: of all seen agents.
+    triangles: of all seen agents.
     memory: bytes of the engine.
     finest: seen agents at LOD 0.
     """
 
     pixels: float
     triangles: float
-    vertices: float
     memory: float
     finest: float
 
@@ -46,7 +45,6 @@ def find_points(
         point = BudgetPoint(
             least.error,
             float(least.triangles.max(initial=0)),
-            float(least.vertices.max(initial=0)),
             least.price.memory,
             float(least.counts[:, 0].max(initial=0)),
         )

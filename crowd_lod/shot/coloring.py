@@ -59,7 +59,6 @@ def plan_phases(
     survey: Survey,
     strides: np.ndarray,
     tolerance: float | None,
-    variety: float = VARIETY,
     fixed: np.ndarray | None = None,
     wearer: np.ndarray | None = None,
 ) -> Generator[float, None, PhasePlan]:
@@ -68,7 +67,6 @@ def plan_phases(
     Yields the progress, returns the plan.
 
     strides: of strides_of. tolerance: pixels; None counts as one.
-    variety: the part of all close neighbors that may be in step.
     fixed: (n,) bool, agents that keep the phases of their source; None for nobody.
     wearer: (n,) intp, of Trajectory.wearer: what agents wear takes their phases.
 
@@ -90,7 +88,7 @@ def plan_phases(
     limit = np.maximum(JUMP * (tolerance or 1.0), changes.pixels / CLASSES)
 
     def crowded(phases: Phases) -> np.ndarray:
-        return _crowded(meetings, phases, family, variety)
+        return _crowded(meetings, phases, family)
 
     fewest = _in_few_classes(meetings, changes, limit, fixed, family, crowded)
     phases = yield from share(searched(fewest, ROUNDS), 0.0, 0.75)
@@ -195,13 +193,13 @@ def _moved_to_few(survey: Survey, phases: Phases, near: np.ndarray) -> Phases:
     return replace(phases, shift=shift)
 
 
-def _crowded(meetings: Meetings, phases: Phases, family: np.ndarray, variety: float) -> np.ndarray:
-    """Return the blocks (B,) bool of families in which more than `variety` of all are in step."""
+def _crowded(meetings: Meetings, phases: Phases, family: np.ndarray) -> np.ndarray:
+    """Return the blocks (B,) bool of families in which more than VARIETY of all are in step."""
     of = family[meetings.block[:, 0]]
     size = max(int(family.max(initial=0)) + 1, 1)
     frames = np.bincount(of, meetings.frames, size)
     in_step = np.bincount(of, meetings.frames * meetings.in_step(phases), size)
-    return (in_step > variety * frames)[family] & (family >= 0)
+    return (in_step > VARIETY * frames)[family] & (family >= 0)
 
 
 def color(

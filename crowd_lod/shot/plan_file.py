@@ -181,14 +181,14 @@ def _read(path: Path, names: Sequence[str]) -> dict[str, np.ndarray]:
     """Return these arrays of the file; CrowdError if one cannot be read."""
     try:
         return read_arrays(
-            path, names, subject="The shot plan", remedy=f"{AGAIN}, or press Remove Plan"
+            path, names, subject="The shot plan", remedy=f"{AGAIN}, or switch Use Shot Plan off"
         )
     except FileNotFoundError:
         raise CrowdError(
-            f"There is no shot plan {printable(path)}: {AGAIN}, or press Remove Plan."
+            f"There is no shot plan {printable(path)}: {AGAIN}, or switch Use Shot Plan off."
         ) from None
     except OSError as error:
         raise CrowdError(
             f"The shot plan {printable(path)} cannot be read ({error.strerror}): {AGAIN}, or "
-            f"press Remove Plan."
+            f"switch Use Shot Plan off."
         ) from None

@@ -49,13 +49,16 @@ class Record:
     entered: np.ndarray
     left: np.ndarray
     encounters: Encounters
+    blurred: bool
 
 
 @dataclass
 class Recording:
     """A survey that is being made.
 
-    bounds: (G, K) meters, of the LODs, where `blurred` is above 0.
+    tolerance: pixels, by which a LOD may deviate besides as many as its agent is blurred wide; None
+        where LODs are chosen otherwise.
+    bounds: (G, K) meters, of the LODs, with a tolerance.
     library: the characters that agents show.
     meters: that a unit of the frames' crowd is.
     records: of the frames so far.
@@ -69,7 +72,7 @@ class Recording:
     library: Library
     roles: Roles | None = None
     meters: float = 1.0
-    blurred: float = 0.0
+    tolerance: float | None = None
     bounds: np.ndarray | None = None
     records: list[Record] = field(default_factory=list)
 
@@ -113,7 +116,7 @@ class Recording:
             owner=self.owner,
             entered=[record.entered for record in records],
             left=[record.left for record in records],
-            blurred=self.blurred,
+            blurred=any(record.blurred for record in records),
             roles=self.roles,
             encounters=Encounters(
                 *(
@@ -247,12 +250,15 @@ def _record(
     seen_agents = agents[is_seen]
     scale = np.zeros(len(agents), np.float16)
     scale[is_seen] = _rounded_up(scale_of(frame, seen_agents) / recording.meters)
-    if recording.blurred:
+    is_blurred = np.zeros(len(agents), bool)
+    if recording.tolerance is not None:
         assert recording.bounds is not None
         blur = blur_of(frame, seen_agents)
-        scale[is_seen] = _rounded_up(scale[is_seen] / (1 + blur / recording.blurred))
-        bounds = recording.bounds[recording.group[seen_agents]]
-        coarsest[is_seen] = coarsest_within(scale[is_seen], bounds, recording.blurred)
+        is_blurred[is_seen] = blur > 0
+        sharpness = 1 / (1 + blur[blur > 0] / recording.tolerance)
+        scale[is_blurred] = _rounded_up(scale[is_blurred] * sharpness)
+        bounds = recording.bounds[recording.group[agents[is_blurred]]]
+        coarsest[is_blurred] = coarsest_within(scale[is_blurred], bounds, recording.tolerance)
     encounters = Encounters()
     if recording.roles is not None and len(recording.records) % MEET_EVERY == 0:
         is_rigged = recording.roles.block[character] >= 0
@@ -271,6 +277,7 @@ def _record(
         entered=entered,
         left=left,
         encounters=encounters,
+        blurred=bool(is_blurred.any()),
     )
 
 

@@ -54,8 +54,8 @@ class Survey:
         culled in the frame before, or an exception hid: they appear at once.
     left: for each frame the agents (m,) intp that the frame before shows, and that the near or the
         far clip culls: they vanish at once.
-    blurred: pixels of tolerance; above 0, a LOD may deviate by so many pixels and as many more as
-        its agent is blurred wide. `scale` then counts as many pixels less in proportion.
+    blurred: whether LODs of blurred agents deviate by more than the tolerance, as many pixels as
+        these are blurred wide. Their `scale` counts as many pixels less in proportion.
     roles: what the characters play; None if no neighbors are to be found.
     encounters: of agents that are close neighbors.
     finest, limit: (N,) uint8, the finest and the coarsest LOD that exceptions allow seen agents,
@@ -76,7 +76,7 @@ class Survey:
     hidden: np.ndarray
     entered: list[np.ndarray]
     left: list[np.ndarray]
-    blurred: float = 0.0
+    blurred: bool = False
     roles: Roles | None = None
     encounters: Encounters = Encounters()
     finest: np.ndarray | None = None

@@ -1,6 +1,6 @@
 """A crowd with some of its agents changed by hand."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,14 +21,12 @@ class Edit:
     agents: (m,) intp, their indices, each once.
     move: (x, y, z) meters that they stand beside their own way. On a ground that is not level they
         stand on it where they are, `z` meters above.
-    turn: radians that they face beside their own heading, counter-clockwise seen from above.
     group: the index of the group that they show; None for their own.
     hide: whether they are not there.
     """
 
     agents: np.ndarray
     move: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    turn: float = 0.0
     group: int | None = None
     hide: bool = False
 
@@ -36,8 +34,7 @@ class Edit:
 class Edited(AroundTrajectory):
     """The agents of a trajectory, some of them changed by hand.
 
-    Moves and turns of one agent add up; of two groups the later holds; who is hidden once is
-    hidden. All else is as without: agents keep their numbers, and walk, wait and choose as before.
+    Moves of one agent add up; of two groups the later holds; who is hidden once is hidden. All else is as without: agents keep their numbers, and walk, wait and choose as before.
 
     base: the trajectory without edits.
     CrowdError if an edit asks for another group, and the trajectory cannot give it.
@@ -55,8 +52,7 @@ class Edited(AroundTrajectory):
             base = base.regrouped(group)
         self.base = base
         self._visible = ~hidden if hidden.any() else None
-        self._moved, self._move = _sum_edits(edits, lambda edit: edit.move)
-        self._turned, self._turn = _sum_edits(edits, lambda edit: (edit.turn,))
+        self._moved, self._move = _sum_moves(edits)
         is_aside = self._move[:, :2].any(axis=1)
         self._aside = self._moved[is_aside]
         self._above_ground = self._move[is_aside, 2]
@@ -112,7 +108,7 @@ class Edited(AroundTrajectory):
     def digests(self) -> dict[str, bytes]:
         """Return the trajectory's, and the edits."""
         edits = [
-            repr((edit.move, edit.turn, edit.group, edit.hide)).encode() + edit.agents.tobytes()
+            repr((edit.move, edit.group, edit.hide)).encode() + edit.agents.tobytes()
             for edit in self.edits
         ]
         return self.base.digests() | {"the overrides": b"\0".join(edits)}
@@ -126,8 +122,6 @@ class Edited(AroundTrajectory):
             aside = replace(crowd, **columns)
             parts = [crowd.x, crowd.y, crowd.z]
             columns["z"] = self._columns.of("z", parts, lambda *_: self._raise(aside))
-        if len(self._turned):
-            columns["heading"] = self._columns.of("heading", [crowd.heading], self._rotate)
         visible = self._visible
         if visible is not None:
             columns["present"] = self._columns.of(
@@ -150,29 +144,17 @@ class Edited(AroundTrajectory):
             z[self._aside] = ground + self._above_ground
         return z
 
-    def _rotate(self, heading: np.ndarray) -> np.ndarray:
-        heading = heading.copy()
-        heading[self._turned] += self._turn[:, 0].astype(np.float32)
-        return heading
 
-
-def _sum_edits(
-    edits: Sequence[Edit], value_of: Callable[[Edit], tuple[float, ...]]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return (agents (k,) intp, sums (k, w)) of those for whom an edit has more than zeros.
-
-    The agents are increasing.
-    """
-    pairs = [
-        (edit.agents, np.array(value_of(edit), np.float64)) for edit in edits if any(value_of(edit))
-    ]
-    if not pairs:
+def _sum_moves(edits: Sequence[Edit]) -> tuple[np.ndarray, np.ndarray]:
+    """Return (the agents (k,) intp that are moved, increasing, their moves (k, 3) meters)."""
+    moving = [edit for edit in edits if any(edit.move)]
+    if not moving:
         return np.empty(0, np.intp), np.empty((0, 3))
-    all_agents = np.unique(np.concatenate([agents for agents, _ in pairs]))
-    sums = np.zeros((len(all_agents), len(pairs[0][1])))
-    for agents, value in pairs:
-        sums[np.searchsorted(all_agents, agents)] += value
-    return all_agents, sums
+    agents = np.unique(np.concatenate([edit.agents for edit in moving]))
+    moves = np.zeros((len(agents), 3))
+    for edit in moving:
+        moves[np.searchsorted(agents, edit.agents)] += edit.move
+    return agents, moves
 
 
 def _all_on(crowd: Crowd, agents: np.ndarray, area: Area) -> bool:

@@ -13,11 +13,7 @@ LONGEST_LINE = 2**20  # bytes
 RATE = re.compile(r"(?:frame\s*rate|fps)\s*[:=]?\s*([0-9]+(?:[.,][0-9]+)?)", re.IGNORECASE)
 IN = re.compile(r"\bin\s+(\w+)", re.IGNORECASE)
 NUMBER = re.compile(r"[-+]?[0-9.,]+(?:[eE][-+]?[0-9]+)?|[-+]?nan|[-+]?inf")
-COMMENTS = ("#", "%", "//", "*", "$VISION")
-OBSMAT = {"frame": 0, "id": 1, "x": 2, "y": 4}
-# columns of a table without titles, that of ETH's obsmat; those of boxes in pictures have more
-WIDEST = 8
-PLAIN = {"id": 0, "frame": 1, "x": 2, "y": 3, "z": 4}
+COMMENTS = ("#", "%", "//", "*")
 TEXTS = ("id", "group")  # columns that may have texts
 ENDS = {"time": "endtime", "x": "endx", "y": "endy"}  # of Vadere's steps
 
@@ -32,7 +28,6 @@ class Table:
     columns: for each name in names.KNOWN its place.
     factors: for time and heading, what one is in seconds and radians, where titles tell it.
     rate, unit: as in Rows.
-    titled: whether the columns go by titles.
     numeric: whether all values of the first row are numbers.
     texts: columns that are read as texts.
     """
@@ -44,7 +39,6 @@ class Table:
     factors: dict[str, float]
     rate: float
     unit: str
-    titled: bool
     numeric: bool
     texts: tuple[str, ...]
 
@@ -78,6 +72,7 @@ class _Head(NamedTuple):
 
     begins: bytes before the first row of values.
     row: the first row of values; "" if there is none.
+    titles: those asked for, else those of the table; none if it has none.
     """
 
     begins: int
@@ -86,72 +81,66 @@ class _Head(NamedTuple):
     comments: list[str]
 
 
-def _head_of(data: bytearray, where: str) -> _Head:
+def _head_of(data: bytearray, where: str, asked: list[str]) -> _Head:
     at = 0
     row = ""
     comments: list[str] = []
-    titles: list[str] = []
+    titles = asked
     for raw in _lines(data, where):
         text = raw.decode("utf-8", "replace").strip()
-        if text.startswith("$") and ";" in text:
-            titles = _split_titles(text.partition(":")[2])
-        elif not text or text.startswith(COMMENTS):
+        if not text or text.startswith(COMMENTS):
             words = _split_titles(re.sub(r"^[#%/*\s]+", "", text))
             comments.append(text)
-            if {"id", "x", "y"} <= (known := columns_of(words)).keys() and (
-                "frame" in known or "time" in known
+            if (
+                not asked
+                and {"id", "x", "y"} <= (known := columns_of(words)).keys()
+                and ("frame" in known or "time" in known)
             ):
                 titles = words
-        elif not titles and not _numeric(text):
+        elif _numeric(text) or (titles and _numeric_places(text, titles)):
+            row = text
+            break
+        elif not titles:
             titles = _split_titles(text)
             if not {"x", "y"} <= columns_of(titles).keys():
                 break
-        # a row of units below the titles
-        elif not _numeric(text) and not _numeric_places(text, titles):
+        elif not asked:  # a row of units below the titles
             titles = [
                 f"{title}/{unit}"
                 for title, unit in zip(titles, [*_split(text), *[""] * len(titles)], strict=False)
             ]
-        else:
-            row = text
-            break
         at += len(raw)
     return _Head(at, row, titles, comments)
 
 
-def layout_of(data: bytearray, where: str) -> Table:
+def layout_of(data: bytearray, where: str, columns_asked: str = "") -> Table:
     """Return the layout of the table `data`; CrowdError if it lacks a column.
 
     where: the file, for messages.
+    columns_asked: titles of its columns, whatever the table tells; "" for its own.
     """
-    begins, row, titles, comments = _head_of(data, where)
+    asked = _asked(columns_asked, where)
+    begins, row, titles, comments = _head_of(data, where, asked)
     columns = columns_of(titles)
     values = _split(row) if row else []
-    _check_titles(titles, columns, values, where)
-    if not titles:
-        columns = (
-            OBSMAT
-            if len(values) == 8
-            else {name: place for name, place in PLAIN.items() if place < len(values)}
-        )
-    if values:
-        columns = {name: place for name, place in columns.items() if place < len(values)}
+    _check_titles(titles, columns, row, where, bool(asked))
+    columns = {name: place for name, place in columns.items() if place < len(values)}
     bare = [re.sub(r"[^a-z]", "", title.split("-")[0].lower()) for title in titles]
     if "time" in columns and set(ENDS.values()) <= set(bare):
         columns |= {name: bare.index(name) for name in ENDS.values()}
     factors = {}
     for name, units in (("time", SECONDS), ("heading", RADIANS)):
-        if titles and name in columns and (unit := unit_of(titles[columns[name]], units)):
+        if name in columns and (unit := unit_of(titles[columns[name]], units)):
             factors[name] = units[unit]
     rates = [match[1] for text in comments if (match := RATE.search(text))]
-    lengths = [_unit(titles, columns, where)] if titles else []
-    lengths += [
-        LENGTHS.get(match[1].lower(), "") for text in comments for match in IN.finditer(text)
+    lengths = [
+        _unit(titles, columns, where),
+        *(LENGTHS.get(match[1].lower(), "") for text in comments for match in IN.finditer(text)),
     ]
     texts = tuple(
         name
         for name in TEXTS
-        if name in columns and (name == "group" or values and not _is_number(values[columns[name]]))
+        if name in columns and (name == "group" or not _is_number(values[columns[name]]))
     )
     return Table(
         begins=begins,
@@ -161,21 +150,39 @@ def layout_of(data: bytearray, where: str) -> Table:
         factors=factors,
         rate=float(rates[-1].replace(",", ".")) if rates else 0.0,
         unit=next(filter(None, lengths), ""),
-        titled=bool(titles),
         numeric=all(map(_is_number, values)),
         texts=texts,
     )
 
 
-def _check_titles(
-    titles: list[str], columns: dict[str, int], values: list[str], where: str
-) -> None:
-    """Raise CrowdError if a table with such titles and such a first row cannot be read."""
-    lacks = [
+def _asked(columns_asked: str, where: str) -> list[str]:
+    """Return the titles in the setting Columns; CrowdError if one that a table needs lacks."""
+    titles = _split_titles(columns_asked) if columns_asked.strip() else []
+    if titles and (lacks := _lacks(columns_of(titles))):
+        raise CrowdError(
+            f"Columns names {', '.join(titles[:12])}, and none for {', '.join(lacks)}: name id, "
+            f"frame (or time, in seconds), x and y of the table {where}."
+        )
+    return titles
+
+
+def _lacks(columns: dict[str, int]) -> list[str]:
+    """Return the columns that a table needs and that are not among `columns`."""
+    return [
         name
         for name in ("id", "frame", "x", "y")
         if name not in columns and not (name == "frame" and "time" in columns)
     ]
+
+
+def _check_titles(
+    titles: list[str], columns: dict[str, int], row: str, where: str, asked: bool
+) -> None:
+    """Raise CrowdError if a table with such titles and such a first row cannot be read.
+
+    asked: whether the titles are those of the setting Columns.
+    """
+    lacks = _lacks(columns)
     if titles and lacks:
         kinds = notes_on_places(titles) if "x" in lacks or "y" in lacks else ""
         request = f"These are {kinds}; give it" if kinds else "give it"
@@ -184,29 +191,25 @@ def _check_titles(
             f"{', '.join(lacks)}: {request} columns id, frame "
             "(or time, in seconds), x and y."
         )
-    if not values:
+    if not row:
         raise CrowdError(f"The file {where} has no rows: choose a file of trajectories.")
-    if not titles and len(values) < 4:
+    if not titles:
+        begin = row.expandtabs(2)[:60]
         raise CrowdError(
-            f"The table {where} has {len(values)} column{'s' * (len(values) > 1)}: give it id, "
-            f"frame, x and y, and titles."
+            f'The table {where} has no titles and begins with "{begin}": set Columns to what its '
+            f"columns are, such as frame,id,x,y."
         )
-    if not titles and len(values) > WIDEST:
+    values = _split(row)
+    if max(columns[name] for name in columns.keys() & {"id", "frame", "time", "x", "y"}) >= len(
+        values
+    ):
         raise CrowdError(
-            f"The table {where} has {len(values)} columns without titles, as those of boxes in "
-            f"pictures: give it columns id, frame, "
-            "x and y, in places on the ground, and titles."
-        )
-    if titles and max(
-        columns[name] for name in columns.keys() & {"id", "frame", "time", "x", "y"}
-    ) >= len(values):
-        raise CrowdError(
-            f"The table {where} has {len(titles)} titles ({', '.join(titles[:12])}) and "
-            f"{len(values)} values in its first row: "
+            f"The table {where} has {len(titles)} titles{' by Columns' if asked else ''} "
+            f"({', '.join(titles[:12])}) and {len(values)} values in its first row: "
             "give each column one title."
         )
     for name, units in (("time", SECONDS), ("heading", RADIANS)):
-        if titles and name in columns and unit_of(titles[columns[name]], units) is None:
+        if name in columns and unit_of(titles[columns[name]], units) is None:
             raise CrowdError(
                 f"The table {where} has the column {titles[columns[name]]}: give {name} in one of "
                 f"{', '.join(units)}."

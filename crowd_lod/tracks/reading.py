@@ -39,10 +39,13 @@ CHUNK = (
 HEADS = 1.0, 2.3  # meters, where the heads of people are
 
 
-def read_rows(path: Path, tell: Callable[[float], None] = lambda _: None) -> Rows:
+def read_rows(
+    path: Path, columns: str = "", tell: Callable[[float], None] = lambda _: None
+) -> Rows:
     """Return the rows of the file `path`, checked, in the file's own unit.
 
     The format goes by the content.
+    columns: titles of a table's columns, such as frame,id,x,y, whatever it tells; "" for its own.
     tell: called with the progress, 0 to 1.
     CrowdError if it cannot be read, or a value cannot be used.
     """
@@ -56,7 +59,8 @@ def read_rows(path: Path, tell: Callable[[float], None] = lambda _: None) -> Row
         elif head == jupedsim.MAGIC:
             rows = jupedsim.read_jupedsim(path, tell)
         else:
-            rows = text.read_text(_text_of(path, head.startswith(GZIP)), where, tell)
+            data = _text_of(path, head.startswith(GZIP))
+            rows = text.read_text(data, where, columns, tell)
     except OSError as error:
         reason = error.strerror or error
         raise CrowdError(
@@ -127,12 +131,13 @@ def _check_kind(data: bytes, where: str) -> None:
         )
 
 
-def read_tracks(
+def read_tracks(  # noqa: PLR0913 - what the reader of a file is told
     path: Path,
     unit: str = "",
     rate: float = 0.0,
     usual: float = 0.0,
     up: str = "Z",
+    columns: str = "",
     tell: Callable[[float], None] = lambda _: None,
 ) -> Tracks:
     """Return the tracks of the file `path`.
@@ -141,10 +146,11 @@ def read_tracks(
     rate: frames of the file a second, whatever it tells; 0 for its own.
     usual: the rate if neither tells one, such as the scene's.
     up: the file's axes, as in Rows.with_z_up.
+    columns: as in read_rows.
     tell: called with the progress, 0 to 1.
     CrowdError if it cannot be read or used.
     """
-    rows = read_rows(path, lambda part: tell(0.6 * part)).in_meters(unit)
+    rows = read_rows(path, columns, lambda part: tell(0.6 * part)).in_meters(unit)
     if up != "Z" and rows.z is None:
         raise CrowdError(
             f"The file {printable(path)} has no z, and y is up: set Up to Z, or give it columns "

@@ -1,10 +1,7 @@
-"""Tracks in text: CSV and TSV with titles, PedPy, PeTrack, and tables of ETH and UCY without
-titles.
+"""Tracks in text: CSV and TSV, PedPy, PeTrack.
 
-Columns go by their titles, in any order; a title may name a unit, such as x/cm. Without titles they
-are: four, frame id x y or id frame x y, whichever moves less from row to row; eight, the obsmat of
-ETH (frame id x z y and velocities); any other number, id frame x y z. Where the first or second
-column has fractions, that is the time in seconds.
+Columns go by their titles, in any order; a title may name a unit, such as x/cm. A table without
+titles is given them.
 """
 
 import re
@@ -19,20 +16,25 @@ from .layout import ENDS, LONGEST_LINE, Table, layout_of, long_line, split_row
 from .rows import GREATEST, RATES, Rows, check_range, check_rate
 
 BYTES_AT_ONCE = 2**20  # bytes that are read at a time
-ANNOTATED = 0.4  # seconds between two rows of an agent in the tables of ETH and UCY
 TURN = 2 * np.pi
 
 
-def read_text(data: bytearray, where: str, tell: Callable[[float], None] = lambda _: None) -> Rows:
+def read_text(
+    data: bytearray,
+    where: str,
+    columns_asked: str = "",
+    tell: Callable[[float], None] = lambda _: None,
+) -> Rows:
     """Return the unchecked rows of the text `data`, in UTF-8 (see check_rows).
 
     where: the file, for messages.
+    columns_asked: titles of its columns, whatever it tells; "" for its own.
     tell: called with the progress, 0 to 1.
     CrowdError if it is no table, or lacks a column.
     """
     if b"\r" in data:
         data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    table = layout_of(data, where)
+    table = layout_of(data, where, columns_asked)
     parts: dict[str, list[np.ndarray]] = {name: [] for name in table.columns}
     commas: set[bool] = set()
     position = table.begins
@@ -61,10 +63,6 @@ def read_text(data: bytearray, where: str, tell: Callable[[float], None] = lambd
         columns["heading"] = np.radians(columns["heading"])
         notes.append("Its headings go beyond 2 pi and are taken for degrees.")
     rate = table.rate
-    if not table.titled:
-        columns, rate, guessed = _untitled(columns, table)
-        notes += guessed
-        _check_ranges(columns, where)  # the column of seconds is known now
     columns = _with_ends(columns)
     if "frame" in columns and "time" in columns:
         rate = rate or _rate_of(columns["frame"], columns["time"])
@@ -237,73 +235,6 @@ def _check_rows(lines: list[str], table: Table, where: str, line: int) -> None:
                     f'Line {number:,} of {where} has {name} "{text}": give a number, or remove '
                     f"the row."
                 ) from None
-
-
-def _untitled(
-    columns: dict[str, Any], table: Table
-) -> tuple[dict[str, Any], float, tuple[str, ...]]:
-    """Return (columns, rate, notes) of a table without titles."""
-    seconds = next((name for name in ("id", "frame") if _has_fractions(columns[name])), "")
-    if seconds and table.width != 8:
-        columns = columns | {
-            "id": columns["frame" if seconds == "id" else "id"],
-            "time": columns[seconds],
-        }
-        del columns["frame"]
-        return (
-            columns,
-            table.rate,
-            ("Its columns have no titles, and the one with fractions is taken for seconds.",),
-        )
-    if table.width == 4:
-        other = columns | {"id": columns["frame"], "frame": columns["id"]}
-        if _step(other) <= _step(columns):
-            columns = other
-        else:
-            return (
-                columns,
-                table.rate,
-                ("Its four columns have no titles and are taken for id, frame, x and y.",),
-            )
-    if table.width not in (4, 8):
-        return (
-            columns,
-            table.rate,
-            ("Its columns have no titles and are taken for id, frame, x, y and z.",),
-        )
-    frames = np.unique(columns["frame"])
-    rate = table.rate or (float(np.diff(frames).min()) / ANNOTATED if len(frames) > 1 else 0.0)
-    note = (
-        f"Its columns have no titles and are taken for those of "
-        f"{'ETH and UCY' if table.width == 4 else 'an obsmat'}"
-    )
-    return (
-        columns,
-        rate,
-        (
-            f"{note}, with rows each {ANNOTATED:g} seconds where no Frame Rate is set."
-            if not table.rate
-            else f"{note}.",
-        ),
-    )
-
-
-def _has_fractions(values: np.ndarray) -> bool:
-    return bool(np.isfinite(values).all() and (values != np.rint(values)).any())
-
-
-def _step(columns: dict[str, Any]) -> float:
-    """Return how far agents get from row to row, the median in units of the file.
-
-    Infinite if nobody has two.
-    """
-    if not ((columns["id"] == np.rint(columns["id"])) & (np.abs(columns["id"]) < 2.0**53)).all():
-        return np.inf
-    order = np.lexsort((columns["frame"], columns["id"]))
-    same = np.diff(columns["id"][order]) == 0
-    if not same.any():
-        return np.inf
-    return float(np.median(np.hypot(*(np.diff(columns[axis][order])[same] for axis in "xy"))))
 
 
 def _timed(columns: dict[str, Any], rate: float) -> tuple[dict[str, Any], float]:

@@ -12,7 +12,7 @@ from ..culling.radar import lost, radar, refuse_lost
 from ..errors import CrowdError
 from ..format import aligned
 from ..levels.assignment import LevelPolicy, assign, limits
-from .culling_audit import Verdict, judge_culling, standing_crowd
+from .culling_judge import Verdict, judge_culling, standing_crowd
 from .exact_frustum import scatter
 
 # the camera, points (n, 3), radius (G,), group (n,)

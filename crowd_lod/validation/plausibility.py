@@ -1,7 +1,7 @@
 """Whether a crowd is plausible: sizes, speeds and heights, judged by arrays alone.
 
-In: arrays in meters and seconds. Out: findings; None where all is as with people. A finding is a
-note with a remedy, never an error: a crowd may be of giants or of ghosts.
+In: arrays in meters and seconds. Out: what is unlike people. That is a note with a remedy, never an
+error: a crowd may be of giants or of ghosts.
 """
 
 from dataclasses import dataclass
@@ -22,94 +22,79 @@ POSE = 0.1  # seconds for which a pose may stand
 
 
 @dataclass(frozen=True)
-class Finding:
-    """Something about groups or agents that is unlike people.
+class OffGround:
+    """Agents that float above the ground, or are sunk in it.
 
-    kind: what it is.
-    indices: (k,) intp, the groups or agents that are so.
-    value: what is typical of them, in meters, seconds or m/s.
-    share: of all groups or agents, 0 to 1.
+    indices: (k,) intp, the agents.
+    height: meters, the median of their feet over the ground; below 0 where they are sunk.
+    share: of the agents that have a ground, 0 to 1.
     """
 
-    kind: str
     indices: np.ndarray
-    value: float
+    height: float
     share: float
 
 
-def _finding(kind: str, mask: np.ndarray, values: np.ndarray, of: int) -> Finding | None:
-    (indices,) = np.nonzero(mask)
-    if not len(indices):
-        return None
-    return Finding(kind, indices, float(np.median(values[indices])), len(indices) / of)
-
-
-def check_heights(heights: np.ndarray) -> Finding | None:
+def check_heights(heights: np.ndarray) -> np.ndarray:
     """Find groups of characters that are taller or smaller than people and animals are.
 
     heights: (G,); 0 for one that was not measured.
+
+    Returns their indices.
     """
     low, high = HEIGHTS
-    return _finding(
-        "height", (heights > 0) & ((heights < low) | (heights > high)), heights, len(heights)
-    )
+    return np.flatnonzero((heights > 0) & ((heights < low) | (heights > high)))
 
 
-def check_speeds(speeds: np.ndarray, most: float) -> Finding | None:
-    """Find that those who walk are too fast or too slow, or that nobody moves.
+def check_speeds(speeds: np.ndarray, most: float) -> float | None:
+    """Return the median speed of those who walk if it is too fast or too slow, m/s.
+
+    0 if nobody moves; None if all is well.
 
     speeds: (n,) m/s of each agent while it walks, 0 for one that never does.
     most: m/s; the median may be no faster.
     """
-    walks = speeds > STILL
-    if len(speeds) and not walks.any():
-        return _finding("nobody moves", ~walks, speeds, len(speeds))
-    median = float(np.median(speeds[walks])) if walks.any() else 0.0
-    if SLOW <= median <= most or not walks.any():
+    if not len(speeds):
         return None
-    return _finding("fast" if median > most else "slow", walks, speeds, len(speeds))
+    walking = speeds[speeds > STILL]
+    median = float(np.median(walking)) if len(walking) else 0.0
+    return None if SLOW <= median <= most else median
 
 
 def check_climbs(
     ways: np.ndarray, rises: np.ndarray, sides: np.ndarray, heights: np.ndarray
-) -> Finding | None:
-    """Find that z rises as the ground's second axis would: another axis is up.
+) -> bool:
+    """Return whether z rises as the ground's second axis would: another axis is up.
 
     ways, rises: (k,) meters of each step, in the plane and along z.
     sides, heights: y and z of the places, meters. Where the axes are exchanged, y hardly varies.
     """
-    way = float(ways.sum())
-    rise = float(np.abs(rises).sum())
     is_flat = np.ptp(sides) < FLAT[0] and np.ptp(heights) > FLAT[1]
-    if rise <= CLIMBS * way and not is_flat:
-        return None
-    return Finding("climbs", np.flatnonzero(rises), float(np.ptp(heights)), 1.0)
+    return bool(is_flat or np.abs(rises).sum() > CLIMBS * ways.sum())
 
 
-def check_ground(above: np.ndarray) -> list[Finding]:
+def check_ground(above: np.ndarray) -> list[OffGround]:
     """Find agents that float above the ground, and agents that are sunk in it.
 
     above: (n,) of each agent's feet over the ground; NaN where there is none.
     """
-    (over_ground,) = np.nonzero(~np.isnan(above))
-    off = above[over_ground]
-    kinds = {"floats": off > OFF, "sinks": off < -OFF}
-    findings = [
-        _finding(kind, chosen, np.abs(off), len(over_ground)) for kind, chosen in kinds.items()
-    ]
+    count = np.count_nonzero(~np.isnan(above))
+    found = [np.flatnonzero(off) for off in (above > OFF, above < -OFF)]
     return [
-        Finding(finding.kind, over_ground[finding.indices], finding.value, finding.share)
-        for finding in findings
-        if finding is not None and finding.share > FEW
+        OffGround(indices, float(np.median(above[indices])), len(indices) / count)
+        for indices in found
+        if len(indices) > FEW * count
     ]
 
 
-def check_poses(seconds: np.ndarray) -> Finding | None:
+def check_poses(seconds: np.ndarray) -> np.ndarray:
     """Find groups whose poses are held so long that the eye notices.
 
     seconds: (G,) for which a pose stands; 0 for a group that moves in each frame.
+
+    Returns their indices.
     """
-    return _finding("pose", seconds > POSE, seconds, len(seconds))
+    return np.flatnonzero(seconds > POSE)
 
 
 def median_speeds(

@@ -15,7 +15,7 @@ from ..crowd.maps import Area, LabelMap
 from ..crowd.state_machine import StateMachine, parse
 from ..errors import CrowdError
 from ..format import aligned
-from .culling_audit import standing_crowd
+from .culling_judge import standing_crowd
 from .exact_behavior import follow_exactly
 
 FRAME = 1 / 24  # seconds

@@ -64,13 +64,13 @@ def _temporary(text: str) -> Path:
     )
 
 
-def output_path(scene: bpy.types.Scene, part: str = "") -> str:
+def output_path(scene: bpy.types.Scene, part: str) -> str:
     """Return the folder of a step's output, as a path that a setting can hold.
 
     full_path finds the folder by it. Where several scenes of the file have crowds and the same
     folder, each has one of its own within.
 
-    part: of the folder; "" is all of it.
+    part: the step's name.
 
     CrowdError if the setting is empty.
     """
@@ -85,7 +85,7 @@ def output_path(scene: bpy.types.Scene, part: str = "") -> str:
     shared = any(
         other.characters is not None and other.output_folder == text for other in neighbors
     )
-    names = [bpy.path.clean_name(scene.name)] * shared + [part] * bool(part)
+    names = [*[bpy.path.clean_name(scene.name)] * shared, part]
     top = text if text.endswith(("/", "\\")) else f"{text}/"
     return saved_path(top + "/".join(names))
 
@@ -103,7 +103,7 @@ def saved_path(text: str) -> str:
     return text
 
 
-def output_folder(scene: bpy.types.Scene, part: str = "") -> Path:
+def output_folder(scene: bpy.types.Scene, part: str) -> Path:
     """Return the folder of a step's output from the root; errors and part as output_path."""
     return full_path(output_path(scene, part))
 

@@ -61,17 +61,14 @@ def _slides(
     slide = abs((action.stride or speed * action.period) - action.feet)
     meters = scene_data.meters(scene)
     if slide * meters > SLIDES:
-        fits = f"the speed that fits is {number(action.feet * meters / action.period)} m/s"
-        says = (
-            f", its property stride says {number(action.stride * meters)} m"
+        remedy = (
+            f"set its property stride to {number(action.feet * meters)} m"
             if action.stride
-            else ""
+            else f"give the state the speed {number(action.feet * meters / action.period)} m/s"
         )
         yield (
-            f"In the state {state} at {number(speed * meters)} m/s the feet of {group.name} slide "
-            f"by {number(slide * meters)} m in a cycle of "
-            f"{_title(group, action)}: they walk {number(action.feet * meters)} m in it{says}; "
-            f"{fits}."
+            f"In the state {state} the feet of {group.name} slide by {number(slide * meters)} m in "
+            f"a cycle of {_title(group, action)}: {remedy}."
         )
 
 

@@ -41,12 +41,11 @@ def notes_on_glow(scene: bpy.types.Scene) -> Iterator[str]:
         f"{name} (material {materials[0].name})" for name, materials in lights_by_group.items()
     )
     effect = (
-        "each agent of them stays in the render"
+        "their agents stay in the render"
         if scene.crowd_lod.shadows
-        else "without Shadows and Reflections culling takes it away"
+        else "culling takes it away without Shadows and Reflections"
     )
     yield (
-        f"In Cycles these characters light what is around them: {names}; {effect}. If that is not "
-        f"meant, mix the emission with "
-        "Transparent by Light Path > Is Camera Ray."
+        f"In Cycles light comes from {names}, and {effect}: if that is not meant, mix the emission "
+        f"with Transparent by Light Path > Is Camera Ray."
     )

@@ -11,9 +11,9 @@ from ..blender.named_actions import own_performance
 from ..blender.operator import Reporting
 from ..machine.scene_world import machine_of
 from ..settings import needs
-from .action_fits import best, choose_action, take
+from .action_fits import Fit, best, choose_action, take
 from .characters import all_characters
-from .walk_choice import Walk, walk_among
+from .walk_choice import chosen_by, walk_among
 
 TAKE_ACTION = "Take Action"
 
@@ -38,7 +38,7 @@ def _somebody_walks(scene: bpy.types.Scene) -> bool:
     return any(crowd.source != "MACHINE" or _walks(crowd) for crowd in crowds if crowd.use_crowd)
 
 
-def nodding(scene: bpy.types.Scene) -> dict[str, tuple[bpy.types.Object, Walk]]:
+def nodding(scene: bpy.types.Scene) -> dict[str, tuple[bpy.types.Object, Fit]]:
     """Return the groups of `scene` that play another of their file's actions than its walk.
 
     With each its rig, and the walk.
@@ -46,8 +46,8 @@ def nodding(scene: bpy.types.Scene) -> dict[str, tuple[bpy.types.Object, Walk]]:
     walks = {}
     for name, objects, _, variant_of, *_ in all_characters(scene):
         for rig in armatures_of(objects)[:1]:
-            if not variant_of and (walk := walk_among(scene, rig, objects)) is not None:
-                walks[name] = rig, walk
+            if not variant_of and (fit := walk_among(scene, rig, objects)) is not None:
+                walks[name] = rig, fit
     return walks
 
 
@@ -59,10 +59,10 @@ def _walks(crowd: bpy.types.PropertyGroup) -> bool:
 def notes_on_gliding(scene: bpy.types.Scene) -> Iterator[str]:
     """Yield a sentence on characters that glide in their bind pose, with the way out."""
     walks = nodding(scene) if _somebody_walks(scene) else {}
-    for name, (rig, walk) in walks.items():
+    for name, (rig, fit) in walks.items():
         yield (
-            f"{_walking(name, rig)}, and its file has {walk.fit.action.name}{walk.reason}: press "
-            f"{TAKE_ACTION}, which takes that."
+            f"{_walking(name, rig)}, and its file has {fit.action.name} ({chosen_by(fit)}): press "
+            f"{TAKE_ACTION}."
         )
     rigs_at_rest = gliding(scene)
     if not rigs_at_rest:
@@ -124,7 +124,7 @@ class CROWDLOD_OT_take_action(Reporting, bpy.types.Operator):
         if not rigs_to_move:
             raise CrowdError("All characters with a rig have an action.")
         fits = {
-            name: walks[name][1].fit
+            name: walks[name][1]
             if name in walks and not self.action
             else choose_action(rig, name, self.action)
             for name, rig in rigs_to_move.items()

@@ -11,8 +11,8 @@ from .farm import add_job
 from .file_commands import add_build, add_export, add_sample
 from .new_scene import add_new_scene
 from .picture_commands import add_preview, add_verify
-from .plan_commands import add_compare, add_explain, add_plan_shot
-from .report_commands import add_cull, add_error, add_extremes
+from .plan_commands import add_explain, add_plan_shot
+from .report_commands import add_error, add_extremes
 from .simulate import add_simulate
 from .update_command import add_update
 
@@ -26,13 +26,12 @@ COMMANDS = (
     add_assemble,
     add_plan_shot,
     add_explain,
-    add_compare,
     add_sample,
     add_new_scene,
     add_simulate,
     add_calibrate,
 )
-REPORTS = (add_error, add_extremes, add_cull)
+REPORTS = (add_error, add_extremes)
 
 
 def parser(program: str) -> argparse.ArgumentParser:

@@ -17,7 +17,6 @@ from ...crowd_lod.format import counted, printable
 from ...crowd_lod.frame.frame_range import frames_are, parse_frames, spread_evenly
 from ...crowd_lod.reporting import file_checks, files, tables
 from ...crowd_lod.reporting.html_report import STYLE, cards, document, table_of
-from ...crowd_lod.reporting.plan_comparison import MOST_FIGURE
 from ...crowd_lod.reporting.png_file import save_png
 from ..blender import image_data
 from ..hand_over.farm_job import check_file, job_of, job_sentence, write_job
@@ -26,6 +25,7 @@ from .scene_files import open_scene
 
 MOST_SHOWN = 24  # frames on the contact sheet
 WIDTH = 480  # pixels of a picture on it, at least
+MOST_FIGURE = 1e15  # no plan has a greater one; integers of JSON may be greater than any float
 PICTURES = (".png", ".exr", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp")
 COLUMNS = ("frame", "agents", "visible", "culled", "triangles", "full_triangles")
 

@@ -68,6 +68,7 @@ def add_new_scene(commands, program: str) -> None:
     command.add_argument(
         "--ground", type=to_path, metavar="FILE", help="a .blend file whose scene is the ground"
     )
+    add_setting(command, "--columns", "tracks_columns", "NAMES", usual="the file's titles")
     add_setting(command, "--fps", "tracks_rate", "N", usual="0")
     add_setting(command, "--unit", "tracks_unit", usual="auto")
     add_setting(command, "--up", "tracks_up", usual="z")

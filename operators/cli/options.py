@@ -80,7 +80,8 @@ def add_setting(
     elif setting.type == "ENUM":
         takes = {"choices": choices_of(name)}
     else:
-        takes = {"type": _whole if setting.type == "INT" else float, "metavar": metavar}
+        types: dict[str, Any] = {"INT": _whole, "FLOAT": float, "STRING": str}
+        takes = {"type": types[setting.type], "metavar": metavar}
     about = setting.description[0].lower() + setting.description[1:]
     command.add_argument(
         option,

@@ -1,11 +1,11 @@
-"""The commands plan, explain and compare."""
+"""The commands plan and explain."""
 
 from collections.abc import Generator
 from pathlib import Path
 
 from ...crowd_lod.format import printable
 from ...crowd_lod.progress import share
-from ...crowd_lod.reporting import files, plan_comparison
+from ...crowd_lod.reporting import files
 from ...crowd_lod.shot import plan_file
 from ..shot import shot_plan
 from ..sources.record_points import with_record
@@ -19,7 +19,6 @@ from .options import (
     add_setting,
     frames_of_shot,
     open_shot,
-    to_path,
 )
 from .scene_files import finish, stem_of
 
@@ -40,10 +39,7 @@ def add_plan_shot(commands, program: str) -> None:
     add_setting(command, "--seed", "seed", "N")
     add_setting(command, "--tolerance", "tolerance", "PX")
     add_setting(command, "--avoid-pops", "avoid_pops", "PART")
-    add_setting(command, "--variety", "variety", "PART")
-    add_setting(command, "--blur", "plan_blurred")
     add_setting(command, "--triangles", "budget_triangles", "N")
-    add_setting(command, "--vertices", "budget_vertices", "N")
     add_setting(command, "--lod0", "budget_finest", "N")
     add_setting(command, "--memory", "budget_memory", "MB")
 
@@ -66,22 +62,6 @@ def add_explain(commands, program: str) -> None:
         "--frame", type=int, required=True, metavar="F", help="the frame on the timeline"
     )
     add_plan(command)
-
-
-def add_compare(commands, program: str) -> None:
-    """Add the command compare to the program's."""
-    command = add_command(
-        commands,
-        program,
-        "compare",
-        compare,
-        "set two plans side by side, in total and frame by frame",
-        "compare plaza_plan plaza_plan_2px",
-    )
-    command.add_argument(
-        "a", type=to_path, metavar="A", help="a folder with a plan, or its plan.json"
-    )
-    command.add_argument("b", type=to_path, metavar="B", help="another one")
 
 
 def plan_shot(args) -> dict:
@@ -125,9 +105,3 @@ def explain_agent(args) -> dict:
         "unplanned": unplanned,
         "summary": summary,
     }
-
-
-def compare(args) -> dict:
-    """Run the command compare."""
-    comparison = plan_comparison.compare(args.a, args.b)
-    return {**comparison.as_json, "summary": comparison.text}

@@ -1,4 +1,4 @@
-"""The commands report error, report extremes and report cull."""
+"""The commands report error and report extremes."""
 
 from pathlib import Path
 
@@ -63,28 +63,6 @@ def add_extremes(reports, program: str) -> None:
     add_out(command, "FILE", "write the table to a Markdown file as well")
 
 
-def add_cull(reports, program: str) -> None:
-    """Add report cull to the program's reports."""
-    command = add_command(
-        reports,
-        program,
-        "cull",
-        report_cull,
-        "judge the culling of random cameras, by lens",
-        "report cull --pairs 1000000",
-    )
-    command.add_argument(
-        "--pairs",
-        type=int,
-        default=1_000_000,
-        metavar="N",
-        help="pairs of camera and agent (default: 1 million)",
-    )
-    command.add_argument(
-        "--seed", type=int, default=0, metavar="N", help="other cameras and agents"
-    )
-
-
 def report_error(args) -> dict:
     """Run report error."""
     check_range("--repeats", args.repeats, 1, 1000)
@@ -118,11 +96,3 @@ def report_extremes(args) -> dict:
         for row in cases.behavior
     ]
     return {"cases": culling, "behavior": behavior, "summary": str(cases)}
-
-
-def report_cull(args) -> dict:
-    """Run report cull."""
-    check_range("--pairs", args.pairs, 1, 10**9)
-    check_range("--seed", args.seed, 0, MOST_SEED)
-    rows = finish(error_report.lenses(args.pairs, args.seed), "culling's audit", args.quiet)
-    return {"lenses": rows, "summary": error_report.lenses_text(rows)}

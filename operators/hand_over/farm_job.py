@@ -14,13 +14,11 @@ from ...crowd_lod import __version__
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
 from ...crowd_lod.frame.frame_range import shot_frames
-from ...crowd_lod.progress import standing
 from ...crowd_lod.reporting import files
 from ...crowd_lod.reporting.farm_job import FarmJob, template, values
 from ..blender import console
 from ..blender.operator import Stepwise
 from ..blender.output_folders import output_folder, place_of
-from ..overlay.crowd_picture import note_with_picture
 from ..settings import needs
 from .sizes import sizes_of
 
@@ -175,7 +173,6 @@ class CROWDLOD_OT_write_farm_job(Stepwise, bpy.types.Operator):
         missing = [path.name for path in paths if not path.exists()]
         if missing:
             sentence += f" The scene reads files that are missing: {', '.join(missing[:3])}."
-        yield from standing(note_with_picture(scene, "farm", sentence, frames), 0.8)
         return f"{sentence} The job is in {place_of(folder)}; {README} says what it needs."
 
 

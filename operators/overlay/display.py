@@ -24,7 +24,7 @@ from ..characters.stored_groups import groups_of
 from ..machine.scene_world import bias_of
 from ..scene.scene_crowd import policy_of, trajectory_of
 from ..scene.scene_occluders import occluders_of
-from ..scene.shot_exceptions import overlay_inputs
+from ..scene.shot_exceptions import digest_of
 from ..scene.shot_reference import reference, use_of
 from ..sources.crowd_sources import inputs_of, live
 from . import agent_colors, gpu_culling
@@ -124,7 +124,7 @@ def _view_of(context) -> _View:
         settings.overlay_color,
         round(settings.overlay_fade, 6),
         reference(settings),
-        *overlay_inputs(settings),
+        digest_of(settings),
         # parts that have not changed are the same occluders (blender/occluders.py)
         occluders,
     )

@@ -1,11 +1,9 @@
 """The operators of the render setup: Build, Bake, Remove Build."""
 
 from collections.abc import Callable, Generator, Sequence
-from contextlib import suppress
 
 import bpy
 
-from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
 from ...crowd_lod.frame.frame_range import shot_frames
 from ...crowd_lod.frame.index_cache import approach
@@ -16,7 +14,6 @@ from ..characters.cast_provenance import reading
 from ..characters.group_measuring import measuring_groups
 from ..characters.stored_groups import groups_of, store_groups
 from ..lod_meshes.make_lods import make_levels
-from ..overlay.crowd_picture import note_with_picture
 from ..scene import lights
 from ..scene.plan_verdict import plan_verdict
 from ..scene.scene_crowd import frame_of, trajectory_of
@@ -113,18 +110,14 @@ def bake_frames(scene: bpy.types.Scene) -> Generator[float, None, str]:
     """Bake the frames that `scene` renders: yield the progress, return a sentence on them."""
     frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
     cast = yield from prepared(scene, lambda: bake(scene, frames), frames)
-    verdict = plan_verdict(scene.crowd_lod, cast.unplanned)
     sentences = (
         f"{counted(len(frames), 'frame is', 'frames are')} baked: {shot_frames(frames)}.",
-        verdict,
+        plan_verdict(scene.crowd_lod, cast.unplanned),
         notes_on_cast(scene, cast),
         notes_on_characters(scene),
         frame_stepping.describe_unbaked(scene),
     )
-    sentence = " ".join(filter(None, sentences))
-    with suppress(CrowdError):  # the bake itself needs no folder
-        yield from standing(note_with_picture(scene, "bake", verdict, frames), 1.0)
-    return sentence
+    return " ".join(filter(None, sentences))
 
 
 class CROWDLOD_OT_build(Stepwise, bpy.types.Operator):

@@ -1,4 +1,4 @@
-"""Reports: error against run time of a scene, audit of culling, extreme cases."""
+"""Reports: error against run time of a scene, extreme cases."""
 
 import os
 import platform
@@ -24,7 +24,7 @@ from ...crowd_lod.progress import share, standing
 from ...crowd_lod.reporting import error_plots
 from ...crowd_lod.reporting import files as outputs
 from ...crowd_lod.reporting import tables as report
-from ...crowd_lod.validation import culling_audit, error_vs_runtime, extreme_cases, stiff_behavior
+from ...crowd_lod.validation import error_vs_runtime, extreme_cases, stiff_behavior
 from ..blender import cameras, scene_data
 from ..characters.group_measuring import measuring_groups
 from ..characters.stored_groups import store_groups
@@ -266,47 +266,3 @@ def _cases_text(name: str, rows: ExtremeRows) -> str:
 
 def _filled(text: str) -> str:
     return textwrap.fill(text, 100, break_long_words=False, break_on_hyphens=False)
-
-
-def lenses(pairs: int, seed: int) -> Generator[float, None, list[dict[str, Any]]]:
-    """Audit culling with about `pairs` random pairs of camera and agent.
-
-    The pairs are spread over all lenses. Yields the progress, 0 to 1, and returns a dict for each
-    lens.
-    """
-    rows = []
-    for lens in culling_audit.LENSES:
-        v = culling_audit.audit(lens, -(-pairs // len(culling_audit.LENSES)), seed)
-        surplus = 100 * v.surplus / max(v.survivors, 1)
-        beside = 100 * v.beside / max(v.visible, 1)
-        counts = {"pairs": v.pairs, "visible": v.visible, "missed": v.missed}
-        rows.append(
-            {
-                "lens": lens,
-                **counts,
-                "surplus_percent": round(surplus, 4),
-                "beside_percent": round(beside, 3),
-            }
-        )
-        yield len(rows) / len(culling_audit.LENSES)
-    return rows
-
-
-def lenses_text(rows: list[dict]) -> str:
-    """Return the rows of `lenses` as lines of text."""
-    head = (
-        f"{'lens':16} {'pairs':>11} {'visible':>11} {'missed':>6} {'surplus %':>9} {'beside %':>9}"
-    )
-    lines = [
-        f"{r['lens']:16} {r['pairs']:11,} {r['visible']:11,} {r['missed']:6} "
-        f"{r['surplus_percent']:9.4f} {r['beside_percent']:9.3f}"
-        for r in rows
-    ]
-    return "\n".join(
-        [
-            head,
-            *lines,
-            "surplus: part of the kept agents that are not visible; beside: part of the agents "
-            "visible by the planes that miss the frustum's body",
-        ]
-    )

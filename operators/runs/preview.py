@@ -29,7 +29,6 @@ from ...crowd_lod.shot.frame_errors import worst_error
 from ..blender import cameras, cleanup, frame_stepping, image_data, scene_data
 from ..blender.operator import Stepwise
 from ..blender.output_folders import output_folder, place_of
-from ..blender.output_index import note_output
 from ..characters.cast_provenance import reading
 from ..characters.group_measuring import measuring_groups
 from ..characters.stored_groups import groups_of, store_groups
@@ -434,9 +433,7 @@ class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
         sentence = (
             f"{counted(len(task.frames), 'frame is', 'frames are')} in {place_of(task.folder)}."
         )
-        found = verdict_in(plan)
-        note_output(context.scene, "preview", found or in_sight(plan["frames"]))
-        sentence = f"{found} {sentence}".lstrip()
+        sentence = f"{verdict_in(plan)} {sentence}".lstrip()
         return f"{sentence} {LEFT_OUT}" if leaves_out(context.scene) else sentence
 
 

@@ -44,8 +44,6 @@ BAKED_FRAME = 0.03
 # what plan.json has of a plan's settings, in words
 REQUESTED = {
     "avoid_pops": "Extra Cost for Fewer Pops",
-    "variety": "Variety",
-    "blur": "Coarser Where Blurred",
     "budget": "the budget",
 }
 

@@ -11,7 +11,6 @@ from ...crowd_lod.validation.render_proof import verdict, worst_agents
 from ..blender import scene_cache, scene_data
 from ..blender.operator import Reporting, Stepwise
 from ..blender.output_folders import output_folder, place_of
-from ..blender.output_index import note_output
 from ..overlay.viewport_image import show_image
 from ..render_setup.staleness import MADE_FOR
 from ..settings import needs
@@ -69,7 +68,6 @@ class CROWDLOD_OT_verify(Stepwise, bpy.types.Operator):
             samples=settings.verify_samples,
         )
         result = yield from verify(context.scene, task, ["sidebar"])
-        note_output(context.scene, "verify", verdict(result))
         if result["agents"]:
             worst = result["agents"][worst_agents(result["agents"])[0]]
             _show_agents(task.folder / f"frame_{worst['frame']:04d}_agents.png")

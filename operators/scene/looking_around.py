@@ -1,13 +1,12 @@
 """Where agents stand in the scene: above or below its ground, within its walls."""
 
 from collections.abc import Container, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
-from ..blender.object_volumes import ALONG, ONWARD, is_closed
 from ..blender.ownership import OWNED
 
 HEAD = 1.0  # meters above the feet, from which the ground below is sought
@@ -16,6 +15,8 @@ ROOM = 2.0
 STEEP = 0.3  # least z of the normal of a surface that is ground
 MOST_SHAPES = 20_000  # that are looked at
 MOST_HITS = 1000  # surfaces along a ray
+ALONG = Vector((0.1737, 0.0931, 0.9804))  # direction of rays: along no edge or face of a model
+ONWARD = 1e-6  # part of the mesh's size by which a ray goes on behind a surface that it met
 
 
 @dataclass
@@ -25,17 +26,12 @@ class Around:
     ground: (n,) world z of the ground under a place, or over it where there is none below; NaN
         without any.
     names: the object that is the ground of each place; "" without any, and within a wall.
-    walls: name of a closed object -> the places within it, (n,) bool.
+    walls: the closed object that each place is within; "" for none.
     """
 
     ground: np.ndarray
     names: list[str]
-    walls: dict[str, np.ndarray] = field(default_factory=dict)
-
-    @property
-    def within(self) -> np.ndarray:
-        """(n,) bool, which places are within a closed object."""
-        return np.any([np.zeros(len(self.ground), bool), *self.walls.values()], axis=0)
+    walls: list[str]
 
 
 @dataclass
@@ -69,7 +65,7 @@ def look_around(
     below = np.full(len(places), -np.inf)
     above = np.full(len(places), np.inf)
     names = [["", ""] for _ in places]
-    around = Around(np.full(len(places), np.nan), [])
+    walls = [""] * len(places)
     for shape in shapes_near(depsgraph, places, left_out):
         low = shape.box.min(axis=0)
         high = shape.box.max(axis=0)
@@ -86,15 +82,15 @@ def look_around(
                 names[index][1] = shape.name
         if shape.solid:
             inside = _inside(shape, places + (0, 0, height), under)
-            if inside.any() and (len(places) == 1 or not inside.all()):  # all in one are in a hall
-                around.walls[shape.name] = inside | around.walls.get(shape.name, False)
+            if len(places) == 1 or not inside.all():  # all in one are in a hall
+                for index in np.flatnonzero(inside):
+                    walls[index] = shape.name
     is_below = np.isfinite(below)
-    around.ground = np.where(is_below, below, np.where(np.isfinite(above), above, np.nan))
-    around.names = [
-        "" if stands_within else pair[0] or pair[1]
-        for pair, stands_within in zip(names, around.within, strict=True)
-    ]
-    return around
+    return Around(
+        np.where(is_below, below, np.where(np.isfinite(above), above, np.nan)),
+        ["" if wall else pair[0] or pair[1] for pair, wall in zip(names, walls, strict=True)],
+        walls,
+    )
 
 
 def shapes_near(
@@ -131,8 +127,15 @@ def shapes_near(
             continue
         key = item.data.as_pointer()
         if key not in solids:
-            solids[key] = is_closed(item.data)
+            solids[key] = _is_closed(item.data)
         yield Shape(item, owner, item.original.name, matrix, box, solids[key])
+
+
+def _is_closed(mesh: bpy.types.Mesh) -> bool:
+    """Return whether each edge of the mesh is between two faces, so that it has an inside."""
+    edges = np.empty(len(mesh.loops), np.int32)
+    mesh.loops.foreach_get("edge_index", edges)
+    return len(edges) > 0 and bool((np.bincount(edges, minlength=len(mesh.edges)) == 2).all())
 
 
 def _hits(shape: Shape, start: Vector, way: Vector) -> Iterator[tuple[Vector, Vector]]:

@@ -3,6 +3,7 @@
 crowd_lod/validation/plausibility.py judges; the scene is read here.
 """
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 
 import bpy
@@ -11,7 +12,7 @@ import numpy as np
 from ...crowd_lod.behavior.walk import Walk
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.crowd.terrain import Terrain
-from ...crowd_lod.format import number
+from ...crowd_lod.format import counted, number
 from ...crowd_lod.sources.recorded import Recorded
 from ...crowd_lod.sources.trajectory import Trajectory
 from ...crowd_lod.validation import plausibility as judge
@@ -26,7 +27,7 @@ from .obstacles import WALLS, find_obstacles
 MARGIN = 1.5
 MOST_LOOKED_AT = 200  # agents of a crowd that are compared with the scene about them
 MOST_STEPS = 1_000_000  # steps between rows of a file whose speeds are judged
-MOST_NAMES = 4  # of obstacles, in a sentence
+MOST_NAMES = 4  # of objects, in a sentence
 TIMES = 3  # moments of a file at which its agents are compared with the scene
 
 
@@ -54,15 +55,13 @@ def notes_on_plausibility(
 def notes_on_feet(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
     """Yield a sentence on groups moved to the ground, and one on groups left off it."""
     for moved, begin in (
-        (True, "Moved to stand on the ground"),
-        (False, "Off the ground (see Stand on Ground)"),
+        (True, "Raised so that their feet touch the ground"),
+        (False, "To touch the ground (see Stand on Ground), raise"),
     ):
-        lifted = [group for group in groups if group.lowest and group.on_ground == moved]
-        heights = [number(abs(group.lowest) * scene_data.meters(scene)) for group in lifted]
-        sides = ["below" if group.lowest < 0 else "above" for group in lifted]
         texts = [
-            f"{group.name} (feet {height} m {side} its origin)"
-            for group, height, side in zip(lifted, heights, sides, strict=True)
+            f"{group.name} by {number(-group.lowest * scene_data.meters(scene))} m"
+            for group in groups
+            if group.lowest and group.on_ground == moved
         ]
         if texts:
             yield f"{begin}: {', '.join(texts)}."
@@ -71,24 +70,25 @@ def notes_on_feet(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[s
 def notes_on_extent(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
     """Yield a sentence on what renders may show beyond the measured spheres."""
     extents = [
-        f"of {name}, {what}"
+        f"{name} ({what})"
         for name, objects, _ in characters_of(scene)
         for what in dict.fromkeys(unknown(objects))
     ]
     if extents:
         margin = number(MARGIN * max(group.radius for group in groups) * scene_data.meters(scene))
         yield (
-            f"Renders may show more than was measured: {'; '.join(extents)}. If something is "
-            f"missing at the picture's border, set Margin to Fixed, {margin} m or more."
+            f"Renders may show more than was measured of {', '.join(extents)}: if it is missing at "
+            f"the picture's border, set Margin to Fixed, {margin} m or more."
         )
 
 
 def _heights(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
     groups = [group for group in groups if not group.variant_of]
     heights = np.array([group.height for group in groups]) * scene_data.meters(scene)
-    finding = judge.check_heights(heights)
-    if finding is not None:
-        texts = [f"{groups[g].name} is {number(heights[g])} m tall" for g in finding.indices]
+    texts = [
+        f"{groups[g].name} is {number(heights[g])} m tall" for g in judge.check_heights(heights)
+    ]
+    if texts:
         yield (
             f"{', '.join(texts)}: if these are people, scale them to about 1.7 m, or set Unit "
             f"Scale in the scene's Units."
@@ -105,16 +105,11 @@ def _motion(crowd, part: Trajectory) -> Iterator[str]:
         yield from _speeds(judge.check_speeds(speeds, judge.HASTE), "check Frame Rate and Unit")
         samples = part.tracks.samples
         if samples.z is not None:
-            climbs = judge.check_climbs(
-                ways, steps[2] * meters, samples.y * meters, samples.z * meters
-            )
-            if climbs is not None:
-                low, high = (
-                    number(height * meters) for height in (samples.z.min(), samples.z.max())
-                )
+            heights = samples.z * meters
+            if judge.check_climbs(ways, steps[2] * meters, samples.y * meters, heights):
                 yield (
-                    f"The z of the file goes from {low} to {high} m as agents walk: if y is up "
-                    f"in it, set Up to Y."
+                    f"Agents climb by {number(np.ptp(heights))} m in the file: if y is up in it, "
+                    f"set Up to Y."
                 )
     elif isinstance(part, Walk):
         paces = part.gaits.paces.speeds * meters
@@ -124,13 +119,11 @@ def _motion(crowd, part: Trajectory) -> Iterator[str]:
             yield from _speeds(found, "check the speeds of the state machine, which are in m/s")
 
 
-def _speeds(finding: judge.Finding | None, remedy: str) -> Iterator[str]:
-    if finding is None:
-        return
-    if finding.kind == "nobody moves":
+def _speeds(median: float | None, remedy: str) -> Iterator[str]:
+    if median == 0:
         yield f"Nobody moves: {remedy}."
-    else:
-        yield f"Agents walk at a median of {number(finding.value)} m/s: {remedy}."
+    elif median is not None:
+        yield f"Agents walk at a median of {number(median)} m/s: {remedy}."
 
 
 def _steps(part: Recorded) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -160,40 +153,36 @@ def _around(
     height = float(np.median([group.height for group in groups])) / 2 or 1.0 / meters
     left_out = {crowd.points, *scene.crowd_lod.characters.all_objects}
     around = look_around(depsgraph, places, height, meters, left_out)
-    within = around.within
+    within = np.array([bool(wall) for wall in around.walls])
     obstacles = find_obstacles(crowd, depsgraph, part, places, around.names)
     if not isinstance(part.heights, Terrain):
         above = np.where(within, np.nan, places[:, 2] - around.ground)
-        for finding in judge.check_ground(above * meters):
-            names = [around.names[index] for index in finding.indices]
-            ground = max(sorted(set(names)), key=names.count)
-            side = "above" if finding.kind == "floats" else "below"
+        for off in judge.check_ground(above * meters):
+            names = Counter(around.names[index] for index in off.indices)
+            side = "above" if off.height > 0 else "below"
             yield (
-                f"{finding.share:.0%} of the agents stand {number(finding.value)} m {side} the "
-                f"ground {ground}: choose it as Terrain Object, or change the z of Center."
+                f"{off.share:.0%} of the agents stand {number(abs(off.height))} m {side} the "
+                f"ground {names.most_common(1)[0][0]}: choose it as Terrain Object, or change the "
+                f"z of Center."
             )
     if obstacles:
-        yield _walked_through([item.name for item in obstacles], float(within.mean()))
+        yield (
+            f"{counted(len(obstacles), 'object stands', 'objects stand')} in the crowd's way "
+            f"({_listed([item.name for item in obstacles])}): press {WALLS} to lead agents round."
+        )
     elif within.any():
-        names = sorted(around.walls, key=lambda name: -np.count_nonzero(around.walls[name]))
+        names = Counter(filter(None, around.walls))
         remedy = (
             "add it to Areas, with a label where nobody starts"
             if isinstance(part, Walk)
             else "move it, or set Center so that they fit the scene"
         )
-        yield f"{within.mean():.1%} of the agents stand within {', '.join(names[:3])}: {remedy}."
+        walls = _listed([name for name, _ in names.most_common()])
+        yield f"{within.mean():.1%} of the agents stand within {walls}: {remedy}."
 
 
-def _walked_through(names: Sequence[str], within: float) -> str:
-    """Return a sentence on obstacles, and on the part of the agents that start within them."""
-    verb, them = ("stands", "it") if len(names) == 1 else ("stand", "these")
-    more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
-    start = f" ({within:.1%} of them start within)" if within else ""
-    return (
-        f"Agents would walk through {', '.join(names[:MOST_NAMES])}{more}, which {verb} on their "
-        f"ground{start}: press {WALLS}, which leads them round what is selected, or else round "
-        f"{them}."
-    )
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names[:MOST_NAMES]) + (" ..." if len(names) > MOST_NAMES else "")
 
 
 def places_of(part: Trajectory) -> np.ndarray:
@@ -222,11 +211,10 @@ def _poses(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
         [max(group.period, *(action.period for action in group.actions), 0.0) for group in groups]
     )
     posed = np.array([bool(reason) for reason in reasons])
-    found = judge.check_poses(np.where(posed, cycles / POSES, 0.0))
-    for g in found.indices if found is not None else ():
+    for g in judge.check_poses(np.where(posed, cycles / POSES, 0.0)):
         if not groups[g].variant_of:
             stands = stands_for(cycles[g] * fps, fps)
             yield (
-                f"{groups[g].name} is built as {POSES} still poses, {stands}: {reasons[g]}. "
-                f"Take that out, or shorten the action."
+                f"{groups[g].name} is built as {POSES} still poses, {stands}, because "
+                f"{reasons[g]}: remove that, or shorten the action."
             )

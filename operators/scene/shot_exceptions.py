@@ -1,32 +1,23 @@
 """The exceptions of a scene's settings: whom each means, and whether they have changed.
 
-A region or a painted map chooses agents once, at the first of the plan's frames for which the
-exception holds; the choice then stays the same.
+A region chooses agents once, at the first of the plan's frames for which the exception holds; the
+choice then stays the same.
 """
 
-import hashlib
 from collections.abc import Callable, Sequence
 from functools import partial
 
 import bpy
 import numpy as np
 
-from ...crowd_lod.crowd import random_streams
-from ...crowd_lod.crowd.agents import Crowd
-from ...crowd_lod.crowd.maps import LabelMap
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.levels.assignment import LevelPolicy
 from ...crowd_lod.shot.exceptions import KINDS, Exemption, check_level, parse_agents
 from ...crowd_lod.sources.trajectory import Trajectory
-from ..blender import frame_stepping, image_data, scene_cache, scene_data, stored_values
+from ..blender import frame_stepping, scene_data, stored_values
 from ..blender.object_boxes import box_of, in_box
-from ..blender.object_volumes import in_volume, shape_of
-from ..machine.scene_world import area_of
 from ..settings.exception_settings import REGIONS
 from ..sources import hand_edits
-
-# session_uid of a painted map -> its values, and their digest
-_painted: dict[int, tuple[np.ndarray, str]] = scene_cache.add_cache({})
 
 
 def exemptions_of(
@@ -74,9 +65,8 @@ def chosen_exemptions(
             )
             if begin is not None and not len(agents):
                 raise CrowdError(
-                    f"The override {entry.name} chooses nobody: no agent stands in its "
-                    f"{_place(entry)} at frame {begin}; move or "
-                    "paint it elsewhere, or switch the override off."
+                    f"The override {entry.name} chooses nobody: no agent stands in its region "
+                    f"{entry.region.name} at frame {begin}; move it, or switch the override off."
                 )
             exemptions[index] = Exemption(
                 entry.name, entry.kind, entry.level, agents, _describe_agents(entry), *_span(entry)
@@ -117,17 +107,11 @@ def exceptions_by_number(
 def find_agents(
     scene: bpy.types.Scene, entry, trajectory: Trajectory, depsgraph: bpy.types.Depsgraph
 ) -> np.ndarray:
-    """Return the agents (m,) intp that the entry's region or map chooses at the scene's frame.
-
-    It is the entry's share of them.
+    """Return the agents (m,) intp that the entry's region chooses at the scene's frame.
 
     depsgraph: of the scene, at its frame.
     """
-    agents = _whom(entry, trajectory)(scene_data.time_of(scene), lambda *_: depsgraph)
-    numbers = random_streams.uniform(
-        trajectory.start.key[agents], random_streams.CHOSEN + np.uint64(entry.share_seed)
-    )
-    return agents[numbers < entry.share]
+    return _whom(entry, trajectory)(scene_data.time_of(scene), lambda *_: depsgraph)
 
 
 def digest_of(settings) -> str:
@@ -136,33 +120,20 @@ def digest_of(settings) -> str:
     Overrides that are switched off do not count; "" without any. An object that is animated
     counts as unchanged while it is the same object.
     """
-    return "".join(repr(_marks(entry, _map_digest)) for entry in settings.exceptions if entry.use)
-
-
-def overlay_inputs(settings) -> tuple:
-    """Return what `digest_of` does, for the overlay, which must not read images at each redraw."""
-    return tuple(
-        _marks(entry, lambda image: str(image.session_uid))
-        for entry in settings.exceptions
-        if entry.use
-    )
+    return "".join(repr(_marks(entry)) for entry in settings.exceptions if entry.use)
 
 
 def _span(entry) -> tuple[int | None, int | None]:
     return (None, None) if entry.all_frames else (entry.first_frame, entry.last_frame)
 
 
-def _marks(entry, painted: Callable[[bpy.types.Image], str]) -> tuple:
-    span = () if entry.all_frames else (entry.first_frame, entry.last_frame)
-    marks: tuple = (entry.agents.strip(),)
-    if entry.chosen_by in ("REGION", "VOLUME"):
-        marks = () if entry.region is None else _region_marks(entry.region)
-    if entry.chosen_by == "VOLUME" and marks and entry.region.type == "MESH":
-        marks += (shape_of(entry.region.data),)
-    elif entry.chosen_by == "MAP":
-        marks = () if entry.map_image is None else (painted(entry.map_image),)
+def _marks(entry) -> tuple:
     if entry.kind in hand_edits.EDITS:
         return hand_edits.marks_of(entry)
+    span = () if entry.all_frames else (entry.first_frame, entry.last_frame)
+    marks: tuple = (entry.agents.strip(),)
+    if entry.chosen_by == "REGION":
+        marks = () if entry.region is None else _region_marks(entry.region)
     return entry.kind, 0 if entry.kind == "HIDE" else entry.level, entry.chosen_by, span, marks
 
 
@@ -177,17 +148,6 @@ def _region_marks(region: bpy.types.Object) -> tuple:
     return tuple(np.round(np.array(region.matrix_world), 5).ravel().tolist()), box_of(region).round(
         5
     ).ravel().tolist()
-
-
-def _map_digest(image: bpy.types.Image) -> str:
-    values = image_data.read_values(image)
-    latest = _painted.get(image.session_uid)
-    if latest is None or latest[0] is not values:
-        latest = _painted[image.session_uid] = (
-            values,
-            hashlib.sha256(values.tobytes()).hexdigest()[:16],
-        )
-    return latest[1]
 
 
 def _whom(entry, trajectory: Trajectory) -> Callable[[float, frame_stepping.At], np.ndarray]:
@@ -206,41 +166,12 @@ def _whom(entry, trajectory: Trajectory) -> Callable[[float, frame_stepping.At],
         numbers = parse_agents(entry.agents, len(people.start), entry.name, people.ids)
         agents = trajectory.with_worn(numbers)
         return lambda time, at: agents
-    if entry.chosen_by == "REGION":
-        if entry.region is None or entry.region.type not in REGIONS:
-            raise CrowdError(
-                f"The override {entry.name} has no region: choose a mesh or an empty about the "
-                f"agents it means."
-            )
-        return partial(_inside, entry.region, entry.name, trajectory)
-    if entry.chosen_by == "VOLUME":
-        if entry.region is None or entry.region.type != "MESH":
-            raise CrowdError(
-                f"The override {entry.name} has no volume: choose a closed mesh about the agents "
-                f"it means."
-            )
-        return partial(_in_volume, entry.region, entry.name, trajectory)
-    if entry.map_image is None:
+    if entry.region is None or entry.region.type not in REGIONS:
         raise CrowdError(
-            f"The override {entry.name} has no map: choose an image that is white where the "
-            f"agents stand it means."
+            f"The override {entry.name} has no region: choose a mesh or an empty about the agents "
+            f"it means."
         )
-    light = LabelMap(_light(entry.map_image), area_of(entry.id_data.crowd_lod))
-    return lambda time, at: _painted_on(light, trajectory.at(time))
-
-
-def _painted_on(light: LabelMap, crowd: Crowd) -> np.ndarray:
-    return _present(light.at(crowd.x, crowd.y) > 0, crowd)
-
-
-def _present(chosen: np.ndarray, crowd: Crowd) -> np.ndarray:
-    return np.flatnonzero(chosen if crowd.present is None else chosen & crowd.present)
-
-
-def _light(image: bpy.types.Image) -> np.ndarray:
-    """Return where the image is lighter than a half, (rows, columns) uint8."""
-    gray = image_data.read_pixels(image)[..., :3].mean(axis=2)
-    return (gray > 127.5).astype(np.uint8)
+    return partial(_inside, entry.region, entry.name, trajectory)
 
 
 def _inside(
@@ -253,17 +184,8 @@ def _inside(
     crowd = trajectory.at(time)
     told = f"The region {region.name} of the override {name}"
     places = np.stack([crowd.x, crowd.y, crowd.z], axis=1)
-    return _present(in_box(region.evaluated_get(at([region], time)), places, told), crowd)
-
-
-def _in_volume(
-    region: bpy.types.Object, name: str, trajectory: Trajectory, time: float, at: frame_stepping.At
-) -> np.ndarray:
-    """Return the agents whose middle lies inside the closed mesh of `region`."""
-    crowd = trajectory.at(time)
-    told = f"The region {region.name} of the override {name}"
-    places = np.stack(crowd.places(trajectory.spheres.center), axis=1)
-    return _present(in_volume(region.evaluated_get(at([region], time)), places, told), crowd)
+    inside = in_box(region.evaluated_get(at([region], time)), places, told)
+    return np.flatnonzero(inside if crowd.present is None else inside & crowd.present)
 
 
 def _begins(entry, frames: Sequence[int]) -> int | None:
@@ -275,11 +197,9 @@ def _begins(entry, frames: Sequence[int]) -> int | None:
     )
 
 
-def _place(entry) -> str:
-    return (
-        f"map {entry.map_image.name}" if entry.chosen_by == "MAP" else f"region {entry.region.name}"
-    )
-
-
 def _describe_agents(entry) -> str:
-    return f"agents {entry.agents.strip()}" if entry.chosen_by == "NUMBERS" else _place(entry)
+    return (
+        f"agents {entry.agents.strip()}"
+        if entry.chosen_by == "NUMBERS"
+        else f"region {entry.region.name}"
+    )

@@ -12,6 +12,7 @@ from ...crowd_lod.behavior.exact_walk import Trouble, trouble
 from ...crowd_lod.behavior.walk import Walk, walks_of
 from ...crowd_lod.crowd.maps import LabelMap
 from ...crowd_lod.crowd.state_machine import StateMachine
+from ...crowd_lod.format import counted
 from ...crowd_lod.sources.trajectory import Trajectory
 
 SECONDS = 60.0  # that the search looks ahead
@@ -21,46 +22,35 @@ MOST_BORDERS = 4_000  # of cells that one agent may cross
 
 
 @dataclass(frozen=True)
-class OffColor:
-    """Pixels of the label map that are of no label's color: LabelMap.strays, at least one.
-
-    They have the same fields as a Trouble of agents.
+class OffColor(Trouble):
+    """Pixels of the label map that are of no label's color, LabelMap.strays: nobody's trouble.
 
     label: the map's first, which these pixels have instead.
-    x, y: (k,) float64 world meters, of their middles.
-    column, row: (k,) intp; row 0 lies at y_min.
-    counts: how many pixels there are.
     """
 
-    label: str
-    x: np.ndarray
-    y: np.ndarray
-    column: np.ndarray
-    row: np.ndarray
-    counts: tuple[int]
-    kind: str = "off-color"
-    agents: tuple[int, ...] = ()
+    label: str = ""
 
     def __str__(self) -> str:
-        count = self.counts[0]
-        many = (
-            f"{count:,} pixels of the label map are" if count > 1 else "A pixel of the label map is"
+        pixels = counted(
+            int(self.counts[0]),
+            "pixel of the label map has no label's color and counts",
+            "pixels of the label map have no label's color and count",
         )
         return (
-            f"{many} far from every label's color and taken for {self.label}, the first at x "
-            f"{self.x[0]:.2f} m, y {self.y[0]:.2f} m (map column {self.column[0]}, row "
-            f"{self.row[0]} from the bottom): paint over."
+            f"{pixels} as {self.label}: paint over, first in column {self.column[0]}, row "
+            f"{self.row[0]} from the bottom."
         )
 
 
 def off_color(world: LabelMap, machine: StateMachine) -> tuple[OffColor, ...]:
     """Return the OffColor of the map, () if it has no such pixels."""
     row, column = world.strays.T
-    return (
-        (OffColor(machine.labels[0], *world.middles(row, column), column, row, (len(row),)),)
-        if len(row)
-        else ()
-    )
+    if not len(row):
+        return ()
+    x, y = world.middles(row, column)
+    nobody = np.empty(0, np.intp)
+    counts = np.array([len(row)])
+    return (OffColor("off-color", nobody, x, y, column, row, counts, machine.labels[0]),)
 
 
 @dataclass(frozen=True)
@@ -73,7 +63,7 @@ class Troubles:
     seconds: how far ahead of the first frame was checked.
     """
 
-    troubles: tuple[OffColor | Trouble, ...]
+    troubles: tuple[Trouble, ...]
     agents: int
     count: int
     seconds: float

@@ -11,7 +11,6 @@ NO_BUDGET = "none"
 # by a field of Budget: its setting, its label in the panel, and what one of the setting's is
 LIMITS = {
     "triangles": ("budget_triangles", "Triangles", 1),
-    "vertices": ("budget_vertices", "Vertices", 1),
     "memory": ("budget_memory", "Memory, MB", 1e6),
     "finest": ("budget_finest", "Agents at LOD 0", 1),
 }

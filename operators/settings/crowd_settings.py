@@ -64,8 +64,12 @@ class CrowdSettings:
         name="File",
         subtype="FILE_PATH",
         options={"PATH_SUPPORTS_BLEND_RELATIVE"},
-        description="Trajectories: a table of text (CSV, PedPy, PeTrack, ETH and UCY), NPZ, or "
-        "JuPedSim's SQLite",
+        description="Trajectories: a table of text (CSV, PedPy, PeTrack), NPZ, or JuPedSim's SQLite",
+    )
+    tracks_columns: StringProperty(
+        name="Columns",
+        description="What the columns of a table without titles are, such as frame,id,x,y; empty "
+        "for the file's titles",
     )
     tracks_unit: EnumProperty(
         name="Unit",

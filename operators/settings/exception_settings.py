@@ -6,7 +6,6 @@ from ...crowd_lod.levels.assignment import MOST_LEVELS
 from ..blender.labeled_properties import (
     BoolProperty,
     EnumProperty,
-    FloatProperty,
     FloatVectorProperty,
     IntProperty,
     PointerProperty,
@@ -32,7 +31,6 @@ class CrowdLodException(bpy.types.PropertyGroup):
             ("ALWAYS", "Always", "They always have this LOD"),
             ("HIDE", "Hide", "They are not there, nor are their shadows and reflections"),
             ("NUDGE", "Nudge", "They stand and walk beside their own way"),
-            ("TURN", "Turn", "They face beside their own heading"),
             ("GROUP", "Swap Group", "They are of this character group"),
         ],
     )
@@ -48,24 +46,7 @@ class CrowdLodException(bpy.types.PropertyGroup):
         unit="LENGTH",
         description="By which way they stand beside their own, along the world's axes",
     )
-    turn: FloatProperty(
-        name="Turn",
-        subtype="ANGLE",
-        description="By which angle they face beside their own heading, counter-clockwise from "
-        "above",
-    )
     group_name: StringProperty(name="Group", description="The character group that they are of")
-    share: FloatProperty(
-        name="Share",
-        default=1,
-        min=0,
-        max=1,
-        subtype="FACTOR",
-        description="Part of those in the region or on the map that Find Agents takes",
-    )
-    share_seed: IntProperty(
-        name="Seed", min=0, description="Another seed takes another part of them"
-    )
     chosen_by: EnumProperty(
         name="Agents By",
         description="Which agents the override is for",
@@ -75,16 +56,6 @@ class CrowdLodException(bpy.types.PropertyGroup):
                 "REGION",
                 "Region",
                 "Agents whose feet stand in the box about an object, when the override begins",
-            ),
-            (
-                "MAP",
-                "Painted Map",
-                "Agents that stand on pixels lighter than a half, when the override begins",
-            ),
-            (
-                "VOLUME",
-                "Volume",
-                "Agents whose middle is inside a closed mesh, when the override begins",
             ),
         ],
     )
@@ -98,12 +69,7 @@ class CrowdLodException(bpy.types.PropertyGroup):
         name="Region",
         poll=lambda _, candidate: candidate.type in REGIONS,
         description="A mesh or an empty. Its box in its own space chooses agents, a flat one at "
-        "every height; or its volume",
-    )
-    map_image: PointerProperty(
-        type=bpy.types.Image,
-        name="Map",
-        description="Painted over the ground: white chooses, black does not",
+        "every height",
     )
     all_frames: BoolProperty(
         name="All Frames", default=True, description="The override holds in the whole shot"

@@ -73,8 +73,4 @@ def place(scene: bpy.types.Scene) -> str:
     if not 0 <= settings.exception_index < len(settings.exceptions):
         return "Select an override in the list"
     by = settings.exceptions[settings.exception_index].chosen_by
-    return (
-        ""
-        if by != "NUMBERS"
-        else "Agents are found by a region, a volume or a painted map: set Agents By"
-    )
+    return "" if by != "NUMBERS" else "Agents are found by a region: set Agents By"

@@ -31,8 +31,8 @@ class FrameSettings:
         default=f"//{BLEND_NAME}_crowd_lod",
         subtype="DIR_PATH",
         options={"PATH_SUPPORTS_BLEND_RELATIVE"},
-        description="Folder for plan, previews, proofs and exports, with a page index.html on all "
-        f"of them. {BLEND_NAME} is the name of the .blend file",
+        description="Folder for plan, previews, proofs and exports. "
+        f"{BLEND_NAME} is the name of the .blend file",
     )
 
     own_frames: BoolProperty(
@@ -64,30 +64,10 @@ class PlanSettings:
         description="Part by which a shot's time, memory and triangles may grow so that fewer "
         "characters change their LOD in sight",
     )
-    variety: FloatProperty(
-        name="Variety",
-        default=0.05,
-        min=0,
-        max=1,
-        subtype="FACTOR",
-        description="Part of close neighbors that may walk in step at most: the less, the more "
-        "phases of their walk a shot plan lets characters show, and the more memory they take",
-    )
-    plan_blurred: BoolProperty(
-        name="Coarser Where Blurred",
-        description="With motion blur or depth of field, LODs may deviate by as many pixels more "
-        "as the character is blurred wide",
-    )
     budget_triangles: IntProperty(
         name="Triangles",
         min=0,
         description="Triangles that the visible characters of any frame may have at most; the "
-        "tolerance rises until they fit. 0 is no limit",
-    )
-    budget_vertices: IntProperty(
-        name="Vertices",
-        min=0,
-        description="Vertices that the visible characters of any frame may have at most; the "
         "tolerance rises until they fit. 0 is no limit",
     )
     budget_memory: FloatProperty(

@@ -1,5 +1,4 @@
 """Plan Shot: runs through a shot, decides on its LODs, and stores the plan.
 
-In: a scene with LOD meshes, its frames. Out: plan.npz, plan.json, the report, and crops of the
-    largest switches.
+In: a scene with LOD meshes, its frames. Out: plan.npz, plan.json, the report.
 """

@@ -16,28 +16,26 @@ from ...crowd_lod.levels.assignment import deviations
 from ...crowd_lod.levels.budget_fit import Budget
 from ...crowd_lod.progress import aside, share, standing, steps_aside
 from ...crowd_lod.reporting import files, tables
-from ...crowd_lod.reporting.png_file import save_png
 from ...crowd_lod.reporting.shot_json import shot_facts
 from ...crowd_lod.reporting.shot_page import shot_page
 from ...crowd_lod.reporting.shot_report import ShotReport
 from ...crowd_lod.shot import plan_file
 from ...crowd_lod.shot.budget import BudgetPlan, decide_within
 from ...crowd_lod.shot.budget_points import BudgetPoint, budget_sentence, find_points, fitting_point
-from ...crowd_lod.shot.coloring import VARIETY, PhasePlan, plan_phases
+from ...crowd_lod.shot.coloring import PhasePlan, plan_phases
 from ...crowd_lod.shot.curve import curve_of
 from ...crowd_lod.shot.exceptions import Exemption, excepted, marked
 from ...crowd_lod.shot.meetings import strides_of
 from ...crowd_lod.shot.phases import recast
 from ...crowd_lod.shot.shot_cost import Shot, meshes_of
 from ...crowd_lod.shot.survey import Survey
-from ...crowd_lod.shot.switches import WORST, largest, noticed
+from ...crowd_lod.shot.switches import noticed
 from ...crowd_lod.shot.unneeded import needed_meshes, seen_characters
 from ...crowd_lod.shot.verdict import verdict_of
 from ..blender import cameras, scene_data
 from ..blender.machine_costs import costs_of
 from ..blender.operator import Reporting, Stepwise
 from ..blender.output_folders import full_path, output_path, place_of
-from ..blender.output_index import note_output
 from ..characters import cast_provenance
 from ..characters.group_measuring import measuring_groups
 from ..characters.holdings import holdings_of
@@ -57,14 +55,12 @@ from ..sources.crowd_sources import check_recorded
 from .planned_cameras import note_cameras
 from .scene_json import scene_json
 from .shot_survey import SurveyedShot, measured_groups, survey_of
-from .switch_crops import crops_of
 
 # Progress at which LOD meshes that were missing are made.
 READY = 0.3
 # How long the stages of a plan take, of 100; with a budget the decision takes as long as the rest.
 SURVEY, COLORING, DECISION, REPORT, POINTS, FILES = 42, 26, 5, 5, 12, 10
 BUDGETED = 95
-CURVED = 0.6  # of the report
 PLANNED = 1 - FILES / 100  # progress of `plan_shot` of all
 
 
@@ -76,16 +72,12 @@ class PlanRequest:
     folder: where the plan goes.
     avoid: the part by which the shot may cost more, to avoid switches in sight.
     budget: what each frame may take.
-    variety: the part of close neighbors that may be in step.
-    blurred: whether LODs may be as many pixels coarser as their agents are blurred wide.
     """
 
     frames: Sequence[int]
     folder: Path
     avoid: float = 0.05
     budget: Budget = Budget()
-    blurred: bool = False
-    variety: float = VARIETY
 
 
 @dataclass(frozen=True)
@@ -128,12 +120,11 @@ def _plan_ready(
     trajectory = trajectory_of(scene)
     policy = policy_of(scene.crowd_lod)
     exemptions = exemptions_of(scene, trajectory, policy, request.frames)
-    through = yield from share(survey_of(scene, request.frames, request.blurred), 0.0, surveyed)
+    through = yield from share(survey_of(scene, request.frames), 0.0, surveyed)
     coloring = plan_phases(
         through.survey,
         strides_of(measured_groups(scene), trajectory.gaits),
         policy.tolerance,
-        request.variety,
         trajectory.given_phases,
         trajectory.wearer,
     )
@@ -188,7 +179,6 @@ def _report_on(
     changes = yield from standing(aside(lambda: noticed(shot, plan.levels, radius)), 0.0)
     judging = aside(lambda: verdict_of(shot.survey, changes, eyes, meters))
     curve = steps_aside(curve_of(shot, plan, policy_of(scene.crowd_lod).tolerance))
-    drawing = crops_of(scene, through, phases.phases, largest(changes, WORST))
     names = [group.name for group in trajectory.groups]
     return ShotReport(
         title=Path(bpy.data.filepath).stem or scene.name,
@@ -196,14 +186,13 @@ def _report_on(
         plan=plan,
         noticed=changes,
         verdict=(yield from standing(judging, 0.0)),
-        curve=(yield from share(curve, 0.0, CURVED)),
+        curve=(yield from curve),
         names=names,
         phases=phases,
         classes=phases.rows(names, trajectory.gaits),
         tints=TINTS,
         milliseconds=through.milliseconds,
         left_out=through.left_out,
-        crops=(yield from share(drawing, CURVED, 1.0)),
         worn=len(trajectory.start) - len(trajectory.bare.start),
     )
 
@@ -252,10 +241,6 @@ def _writing(
     for step, (name, text_of) in enumerate(texts.items()):
         yield 0.4 + 0.15 * step
         (folder / name).write_text(text_of(), encoding="utf-8")
-    for crop in report.crops[:1]:
-        if crop is not None:
-            pixels = np.rint(255 * np.concatenate(crop, axis=1)).astype(np.uint8)
-            save_png(folder / "worst.png", pixels)
 
 
 def write_levels(folder: Path, planned: PlannedShot) -> None:
@@ -284,8 +269,6 @@ def requested_of(request: PlanRequest) -> dict[str, Any]:
     }
     return {
         "avoid_pops": request.avoid,
-        "variety": request.variety,
-        "blur": request.blurred,
         "budget": budget,
     }
 
@@ -320,8 +303,6 @@ def wanted_of(scene: bpy.types.Scene, folder: Path, frames: Sequence[int]) -> Pl
         folder,
         avoid=round(settings.avoid_pops, 6),
         budget=budget_of(settings),
-        blurred=settings.plan_blurred,
-        variety=round(settings.variety, 6),
     )
 
 
@@ -363,7 +344,6 @@ def plan_of_settings(scene: bpy.types.Scene) -> Generator[float, None, str]:
     settings.shot_plan = f"{place}/{plan_file.NAME}"
     settings.use_shot_plan = True
     note_cameras(scene)
-    note_output(scene, "plan", planned.report.verdict.sentence)
     return f"{sentence(planned)} The plan is in {place_of(folder)}."
 
 
@@ -379,19 +359,6 @@ class CROWDLOD_OT_plan_shot(Stepwise, bpy.types.Operator):
 
     def steps(self, context) -> Generator[float, None, str]:
         return (yield from plan_of_settings(context.scene))
-
-
-class CROWDLOD_OT_remove_plan(Reporting, bpy.types.Operator):
-    """Take LODs by distance again; the plan's files stay"""
-
-    bl_idname = "crowd_lod.remove_plan"
-    bl_label = "Remove Plan"
-    needs = (needs.plan,)
-
-    def run(self, context) -> str:
-        settings = context.scene.crowd_lod
-        settings.shot_plan = ""
-        return "LODs follow from distances again."
 
 
 class CROWDLOD_OT_go_to_switch(Reporting, bpy.types.Operator):
@@ -425,4 +392,4 @@ class CROWDLOD_OT_go_to_switch(Reporting, bpy.types.Operator):
         )
 
 
-CLASSES = (CROWDLOD_OT_plan_shot, CROWDLOD_OT_remove_plan, CROWDLOD_OT_go_to_switch)
+CLASSES = (CROWDLOD_OT_plan_shot, CROWDLOD_OT_go_to_switch)

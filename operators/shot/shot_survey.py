@@ -16,7 +16,6 @@ from ...crowd_lod.frame.frame import Frame, plan
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import numbers_of
 from ...crowd_lod.frame.shadows import surrounded
-from ...crowd_lod.levels.assignment import LevelPolicy
 from ...crowd_lod.progress import aside, share, standing
 from ...crowd_lod.shot.recording import Recorder, Recording, begin_recording
 from ...crowd_lod.shot.shot_cost import meshes_of
@@ -48,11 +47,11 @@ class SurveyedShot:
 
 
 def survey_of(
-    scene: bpy.types.Scene, frames: Sequence[int], blurred: bool = False
+    scene: bpy.types.Scene, frames: Sequence[int]
 ) -> Generator[float, None, SurveyedShot]:
     """Run through the shot: yield the progress, return it.
 
-    blurred: let LODs be as many pixels coarser as their agents are blurred wide.
+    By tolerance, LODs may deviate by as many pixels more as their agents are blurred wide.
     CrowdError if the crowd or its choice of LODs changes on the way.
     """
     settings = scene.crowd_lod
@@ -61,8 +60,9 @@ def survey_of(
     library = cast_of(characters_of(scene), trajectory)
     times = [scene_data.remap(scene.render, number) for number in frames]
     recording = _begin(scene, frames, times, library)
-    if blurred:
-        _coarsen_where_blurred(recording, measured_groups(scene), policy)
+    if policy.tolerance is not None:
+        recording.tolerance = policy.tolerance
+        recording.bounds = meshes_of(measured_groups(scene), policy.count).bounds
     views: list[np.ndarray] = []
     before: Frame | None = None
     took = Counter()
@@ -125,19 +125,3 @@ def _changes_at(frame: int) -> CrowdError:
 def measured_groups(scene: bpy.types.Scene) -> list[Group]:
     """Return the groups of the scene's crowd with their lengths in meters, as of its surveys."""
     return [group.scaled(scene_data.meters(scene)) for group in trajectory_of(scene).groups]
-
-
-def _coarsen_where_blurred(
-    recording: Recording, groups: Sequence[Group], policy: LevelPolicy
-) -> None:
-    """Let the recording have LODs that are coarser where their agents are blurred.
-
-    CrowdError if LODs are not chosen by tolerance.
-    """
-    if policy.tolerance is None:
-        raise CrowdError(
-            "Coarser Where Blurred needs LODs by tolerance: set Choose LODs to By Tolerance, "
-            "or switch it off."
-        )
-    recording.bounds = meshes_of(groups, policy.count).bounds
-    recording.blurred = policy.tolerance

@@ -1,4 +1,4 @@
-"""The exceptions that change the crowd itself, in all frames: nudge, turn, group, and hide."""
+"""The exceptions that change the crowd itself, in all frames: nudge, group, and hide."""
 
 from dataclasses import replace
 
@@ -10,7 +10,7 @@ from ...crowd_lod.sources.edited import Edit, Edited
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_cache, stored_values
 
-EDITS = ("NUDGE", "TURN", "GROUP")  # kinds of exceptions that only edit
+EDITS = ("NUDGE", "GROUP")  # kinds of exceptions that only edit
 # By scene: the trajectory and the inputs of the edits at the last call, the edited crowd, and
 # sentences on edits that are wrong.
 _edited: dict[int, tuple] = scene_cache.add_cache({}, by_scene=True)
@@ -27,9 +27,7 @@ def edit_inputs(settings) -> tuple:
 
 def marks_of(entry) -> tuple:
     """Return the values of the entry that its edit depends on."""
-    value = {"NUDGE": tuple(entry.move), "TURN": entry.turn, "GROUP": entry.group_name}.get(
-        entry.kind
-    )
+    value = {"NUDGE": tuple(entry.move), "GROUP": entry.group_name}.get(entry.kind)
     return entry.kind, value, entry.chosen_by, entry.agents.strip()
 
 
@@ -100,7 +98,6 @@ def _edit(entry, trajectory: Trajectory) -> Edit:
     return Edit(
         agents,
         move=tuple(entry.move) if entry.kind == "NUDGE" else (0.0, 0.0, 0.0),
-        turn=entry.turn if entry.kind == "TURN" else 0.0,
         group=names.index(entry.group_name) if entry.kind == "GROUP" else None,
         hide=entry.kind == HIDE,
     )

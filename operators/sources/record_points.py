@@ -31,6 +31,7 @@ from .points_source import NoPoints, check_ids, read_points
 SOURCE = (
     "source",
     "tracks_file",
+    "tracks_columns",
     "tracks_unit",
     "tracks_rate",
     "tracks_up",
@@ -196,6 +197,7 @@ def record_crowds(
     for crowd, path, crowd_frames in zip(crowds, paths, frames_with_points, strict=True):
         crowd.source = "FILE"
         crowd.tracks_file = str(path)
+        crowd.tracks_columns = ""
         crowd.tracks_unit = "AUTO"
         crowd.tracks_rate = 0
         crowd.tracks_up = "Z"

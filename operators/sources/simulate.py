@@ -49,6 +49,7 @@ def follow(scene: bpy.types.Scene, index: int, path: str) -> None:
     crowd = crowds_of(scene.crowd_lod)[index]
     crowd.source = "FILE"
     crowd.tracks_file = path
+    crowd.tracks_columns = ""
     crowd.tracks_unit = "M"
     crowd.tracks_rate = 0
     crowd.tracks_up = "Z"

@@ -53,7 +53,7 @@ def file_inputs(crowd) -> tuple:
         stamp = stamp_of(crowd)
     except CrowdError:  # reported where the file is read
         stamp = (crowd.tracks_file,)
-    return *stamp, crowd.tracks_unit, crowd.tracks_rate, crowd.tracks_up
+    return *stamp, crowd.tracks_unit, crowd.tracks_rate, crowd.tracks_up, crowd.tracks_columns
 
 
 def tracks_of_crowd(crowd, usual: float) -> Tracks:
@@ -107,14 +107,17 @@ def read_files(crowds: list, usual: float) -> Generator[float, None, None]:
             )
 
 
-def _reading_options(crowd, usual: float) -> tuple[str, float, float, str, float]:
-    """Return the options of reading: unit, rate, usual rate, upward axis, meters per unit."""
+def _reading_options(crowd, usual: float) -> tuple[str, float, float, str, str, float]:
+    """Return the options of reading: unit, rate, usual rate, upward axis, columns, meters per
+    unit.
+    """
     rate = round(float(crowd.tracks_rate), 6)
     return (
         UNITS[crowd.tracks_unit],
         rate,
         0.0 if rate else usual,
         crowd.tracks_up,
+        crowd.tracks_columns,
         scene_data.meters(crowd.id_data),
     )
 

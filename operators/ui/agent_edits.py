@@ -3,8 +3,6 @@
 Each adds to the list of overrides, where its values can be set.
 """
 
-from math import pi
-
 import bpy
 import numpy as np
 
@@ -13,8 +11,7 @@ from ...crowd_lod.format import counted
 from ...crowd_lod.shot.exceptions import agents_text
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_data
-from ..blender.labeled_properties import EnumProperty, FloatProperty
-from ..blender.object_volumes import is_closed
+from ..blender.labeled_properties import EnumProperty
 from ..blender.operator import Reporting
 from ..overlay import viewport_overlay
 from ..scene.scene_crowd import trajectory_of
@@ -23,13 +20,10 @@ from ..settings import needs
 from ..settings.exception_settings import REGIONS
 from ..sources.hand_edits import without_edits
 
-# meters and radians by which one press moves and turns
-NUDGE = 0.5
-TURN = pi / 2
+NUDGE = 0.5  # meters by which one press moves
 # kind: name and icon of its button
 BUTTONS = {
     "NUDGE": ("Nudge", "EMPTY_ARROWS"),
-    "TURN": ("Turn", "FILE_REFRESH"),
     "HIDE": ("Hide", "HIDE_ON"),
     "GROUP": ("Swap Group", "COMMUNITY"),
     "ALWAYS": ("Pin LOD", "PINNED"),
@@ -49,7 +43,6 @@ class CROWDLOD_OT_edit_agent(Reporting, bpy.types.Operator):
         name="Change",
         items=[
             ("NUDGE", "Nudge", "Half a meter along x; press again for as much more"),
-            ("TURN", "Turn", "By 90 degrees; press again for as much more"),
             ("HIDE", "Hide", "It is not there, nor is its shadow"),
             (
                 "GROUP",
@@ -88,8 +81,6 @@ class CROWDLOD_OT_edit_agent(Reporting, bpy.types.Operator):
         )
         if self.kind == "NUDGE":
             entry.move[0] += NUDGE / scene_data.meters(scene)
-        elif self.kind == "TURN":
-            entry.turn += TURN
         elif self.kind == "GROUP":
             entry.group_name = _next_group(trajectory, agent)
         elif self.kind == "ALWAYS":
@@ -133,17 +124,16 @@ def _next_group(trajectory: Trajectory, agent: int) -> str:
 
 
 def _write_numbers(context, entry) -> str:
-    """Write the agents whom the entry's region or map chooses now as its numbers.
+    """Write the agents whom the entry's region chooses now as its numbers.
 
     Returns a sentence; CrowdError if there are none.
     """
     trajectory = without_edits(trajectory_of(context.scene))
     agents = find_agents(context.scene, entry, trajectory, context.evaluated_depsgraph_get())
     if not len(agents):
-        where = entry.map_image if entry.chosen_by == "MAP" else entry.region
         raise CrowdError(
-            f"The override {entry.name} finds nobody: no agent stands in {where.name} at this "
-            f"frame, or the share is 0."
+            f"The override {entry.name} finds nobody: no agent stands in {entry.region.name} at "
+            f"this frame."
         )
     entry.agents = agents_text(agents, trajectory.ids)
     entry.chosen_by = "NUMBERS"
@@ -152,8 +142,7 @@ def _write_numbers(context, entry) -> str:
 
 class CROWDLOD_OT_find_agents(Reporting, bpy.types.Operator):
     bl_description = (
-        "Find who stands in the region or on the map at this frame, without edits, and keep "
-        "their numbers"
+        "Find who stands in the region at this frame, without edits, and keep their numbers"
     )
     bl_idname = "crowd_lod.find_agents"
     bl_label = "Find Agents"
@@ -165,18 +154,11 @@ class CROWDLOD_OT_find_agents(Reporting, bpy.types.Operator):
 
 
 class CROWDLOD_OT_erase(Reporting, bpy.types.Operator):
-    bl_description = (
-        "Hide the agents who are in the active object's volume, or in the box about it if it is "
-        "open, at this frame"
-    )
+    """Hide the agents who stand in the box about the active object at this frame"""
+
     bl_idname = "crowd_lod.erase"
     bl_label = "Erase in Active Object"
-    bl_options = {"REGISTER", "UNDO"}
     needs = (needs.crowd,)
-
-    share: FloatProperty(
-        name="Share", default=1, min=0, max=1, subtype="FACTOR", description="Part of them to hide"
-    )
 
     def run(self, context) -> str:
         region = context.object
@@ -185,16 +167,10 @@ class CROWDLOD_OT_erase(Reporting, bpy.types.Operator):
             raise CrowdError("No mesh or empty is active: select one about the agents to erase.")
         entry = settings.exceptions.add()
         try:
-            shape = (
-                region.evaluated_get(context.evaluated_depsgraph_get()).data
-                if region.type == "MESH"
-                else None
-            )
-            entry.chosen_by = "VOLUME" if shape is not None and is_closed(shape) else "REGION"
+            entry.chosen_by = "REGION"
             entry.name = f"Erase {region.name}"
             entry.kind = "HIDE"
             entry.region = region
-            entry.share = self.share
             sentence = _write_numbers(context, entry)
         except CrowdError:
             settings.exceptions.remove(len(settings.exceptions) - 1)
@@ -206,7 +182,7 @@ class CROWDLOD_OT_erase(Reporting, bpy.types.Operator):
 def draw_edits(layout) -> None:
     """Draw the buttons that edit the picked agent."""
     column = layout.column(align=True)
-    for kinds in (("NUDGE", "TURN", "HIDE"), ("GROUP", "ALWAYS")):
+    for kinds in (("NUDGE", "HIDE"), ("GROUP", "ALWAYS")):
         row = column.row(align=True)
         for kind in kinds:
             text, icon = BUTTONS[kind]

@@ -128,7 +128,7 @@ def draw_source(layout, crowd) -> None:
     """Draw who moves the agents of a crowd, and where it is."""
     layout.prop(crowd, "source")
     if crowd.source == "FILE":
-        for name in ("tracks_file", "tracks_unit", "tracks_rate", "tracks_up"):
+        for name in ("tracks_file", "tracks_columns", "tracks_unit", "tracks_rate", "tracks_up"):
             layout.prop(crowd, name)
         label(layout, notes_on_frames(crowd), "INFO")
     elif crowd.source == "POINTS":

@@ -18,7 +18,6 @@ class CROWDLOD_UL_exceptions(SwitchedRow, bpy.types.UIList):
             "ALWAYS": f"LOD {item.level}",
             "HIDE": "hidden",
             "NUDGE": "nudged",
-            "TURN": "turned",
             "GROUP": item.group_name,
         }
         return words.get(item.kind, "unknown")  # of another version's file

@@ -1,40 +1,32 @@
 """The manual, which lies in the extension: help buttons, and Blender's Online Manual entries."""
 
-import shutil
 from pathlib import Path
 
 import bpy
 
-from ...crowd_lod.reporting.manual_page import anchor_of, manual_page
 from ..blender.labeled_properties import StringProperty
 from ..blender.operator import Reporting
 
-ROOT = Path(__file__).parents[2]
+PAGES = Path(__file__).parents[2] / "docs"
+# package.py makes web pages of them; in a checkout they are Markdown
+ENDING = ".html" if (PAGES / "sidebar.html").is_file() else ".md"
 # patterns of Blender's API, in lower case, and the page on each; the first that fits counts
 MANUAL = (
-    ("bpy.ops.crowd_lod.plan_shot*", "shot_plan.html"),
-    ("bpy.ops.crowd_lod.*", "sidebar.html"),
-    ("bpy.types.crowdlod*", "sidebar.html"),
+    ("bpy.ops.crowd_lod.plan_shot*", f"shot_plan{ENDING}"),
+    ("bpy.ops.crowd_lod.*", f"sidebar{ENDING}"),
+    ("bpy.types.crowdlod*", f"sidebar{ENDING}"),
 )
-
-
-def manual_folder() -> Path:
-    """Return the folder of the manual's web pages, which are written once in a session."""
-    folder = Path(bpy.app.tempdir, "crowd_lod_manual")
-    if not folder.is_dir():
-        part = folder.with_suffix(".part")
-        shutil.copytree(ROOT / "docs", part / "docs", dirs_exist_ok=True)
-        shutil.copy(ROOT / "README.md", part)
-        for page in list(part.rglob("*.md")):
-            html = manual_page(page.read_text(encoding="utf-8"))
-            page.with_suffix(".html").write_text(html, encoding="utf-8")
-        part.rename(folder)
-    return folder / "docs"
 
 
 def manual() -> tuple[str, tuple[tuple[str, str], ...]]:
     """Return the address of the manual and its pages, for Blender's Online Manual entries."""
-    return f"{manual_folder().as_uri()}/", MANUAL
+    return f"{PAGES.as_uri()}/", MANUAL
+
+
+def help_address(part: str) -> str:
+    """Return the address of the manual's part on the sidebar with this heading."""
+    page = PAGES / f"sidebar{ENDING}"
+    return f"{page.as_uri()}#{part.lower().replace(' ', '-')}"
 
 
 class CROWDLOD_OT_help(Reporting, bpy.types.Operator):
@@ -47,8 +39,7 @@ class CROWDLOD_OT_help(Reporting, bpy.types.Operator):
     part: StringProperty(name="Part", description="Heading of the page on the sidebar")
 
     def run(self, context) -> str:
-        page = manual_folder() / "sidebar.html"
-        bpy.ops.wm.url_open(url=f"{page.as_uri()}#{anchor_of(self.part)}")
+        bpy.ops.wm.url_open(url=help_address(self.part))
         return f"The web browser shows the manual's part on {self.part}."
 
 

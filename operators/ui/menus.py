@@ -19,7 +19,6 @@ WORK = (
     "render_viewport",
     "plan_shot",
     "go_to_switch",
-    "remove_plan",
     "except_agent",
     "erase",
     "find_agents",

@@ -33,11 +33,10 @@ class CROWDLOD_PT_plan(Step, bpy.types.Panel):
         _with_report(
             layout, "crowd_lod.plan_shot", "TIME", "PLAN", steps.next_operator(context.scene)
         )
-        row = layout.row(align=True)
+        row = layout.row()
         row.use_property_split = False
         row.enabled = bool(settings.shot_plan)
         row.prop(settings, "use_shot_plan", toggle=True)
-        row.operator("crowd_lod.remove_plan", text="", icon="TRASH")
         if settings.shot_verdict:
             paragraph(layout, settings.shot_verdict, "HIDE_OFF", letters_of(context))
         layout.operator("crowd_lod.go_to_switch", icon="VIEWZOOM")
@@ -114,35 +113,19 @@ class CROWDLOD_PT_exceptions(Step, bpy.types.Panel):
         column.prop(entry, "kind")
         if entry.kind == "GROUP":
             column.prop_search(entry, "group_name", entry.id_data.crowd_lod, "groups")
-        elif entry.kind in ("NUDGE", "TURN"):
-            column.prop(entry, {"NUDGE": "move", "TURN": "turn"}[entry.kind])
+        elif entry.kind == "NUDGE":
+            column.prop(entry, "move")
         else:
             active_column(column, entry.kind != "HIDE").prop(entry, "level")
         column.prop(entry, "chosen_by")
-        column.prop(
-            entry,
-            {"MAP": "map_image", "REGION": "region", "VOLUME": "region"}.get(
-                entry.chosen_by, "agents"
-            ),
-        )
+        column.prop(entry, "region" if entry.chosen_by == "REGION" else "agents")
         by_place = active_column(column, entry.chosen_by != "NUMBERS")
-        by_place.prop(entry, "share")
-        by_place.prop(entry, "share_seed")
         by_place.operator("crowd_lod.find_agents", icon="VIEWZOOM")
         span = active_column(column, entry.kind not in EDITS)
         span.prop(entry, "all_frames")
         frames = active_column(span, not entry.all_frames)
         frames.prop(entry, "first_frame")
         frames.prop(entry, "last_frame")
-
-
-class CROWDLOD_PT_plan_advanced(Step, bpy.types.Panel):
-    bl_label = "Advanced"
-    bl_parent_id = "CROWDLOD_PT_plan"
-
-    def body(self, context, layout, settings) -> None:
-        layout.prop(settings, "variety")
-        wide(layout, settings, "plan_blurred")
 
 
 class CROWDLOD_PT_plan_output(Step, bpy.types.Panel):
@@ -158,9 +141,7 @@ class CROWDLOD_PT_plan_output(Step, bpy.types.Panel):
         column.prop(frames, "frame_start")
         column.prop(frames, "frame_end")
         layout.prop(settings, "frames")
-        row = layout.row(align=True)
-        row.prop(settings, "output_folder")
-        row.operator("crowd_lod.open_report", text="", icon="URL").which = "ALL"
+        layout.prop(settings, "output_folder")
         layout.prop(settings, "shot_plan")
 
 
@@ -370,7 +351,6 @@ CLASSES = (
     CROWDLOD_PT_budget,
     CROWDLOD_PT_exceptions,
     CROWDLOD_PT_plan_output,
-    CROWDLOD_PT_plan_advanced,
     CROWDLOD_PT_preview,
     CROWDLOD_PT_preview_advanced,
     CROWDLOD_PT_build,

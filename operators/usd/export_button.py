@@ -7,11 +7,9 @@ import bpy
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import printable
-from ...crowd_lod.progress import standing
 from ..blender import scene_data
 from ..blender.operator import Stepwise
 from ..blender.output_folders import output_folder, place_of, with_ending
-from ..overlay.crowd_picture import note_with_picture
 from ..scene.plan_verdict import plan_verdict
 from ..settings import needs
 from .export import ENDINGS, UsdExport, export_usd
@@ -40,8 +38,6 @@ class CROWDLOD_OT_export_usd(Stepwise, bpy.types.Operator):
         frames = scene_data.frames_of(scene)
         exported = yield from export_usd(scene, UsdExport(frames, path, settings.usd_animated))
         verdict = plan_verdict(settings, exported.unplanned)
-        noting = note_with_picture(scene, "usd", f"{verdict} {exported.sentence}", frames)
-        yield from standing(noting, 1.0)
         return f"{verdict} {exported.sentence} The file is {place_of(path)}."
 
 

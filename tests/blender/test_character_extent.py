@@ -7,6 +7,7 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
 from crowd_lod_extension.operators.characters import group_measuring, stored_groups
+from crowd_lod_extension.operators.lod_meshes.deviation import measure_levels
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.render_setup import frame_update
 from crowd_lod_extension.operators.scene import plausible
@@ -196,7 +197,7 @@ def test_the_plans_sphere_holds_lods_that_stick_out_of_the_character(tmp_path):
     list(make_levels(scene))
     level = scene.crowd_lod.levels.children[1].children[0].objects[0]
     level.data.transform(Matrix.Diagonal((3, 1, 2, 1)))  # an edited LOD
-    bpy.ops.crowd_lod.measure_levels()
+    list(measure_levels(scene))
     (group,) = stored_groups.groups_of(scene.crowd_lod)
     home.hide_render = True
     scene.collection.objects.link(level)
@@ -290,13 +291,13 @@ def test_new_crowds_stand_on_their_lowest_point(sunk, tmp_path):
         and entry.center == pytest.approx(1.0, abs=0.01)
     )
     said = " ".join(plausible.notes_on_feet(sunk, stored_groups.groups_of(settings)))
-    assert said == "Moved to stand on the ground: giraffe (feet 1 m below its origin)."
+    assert said == "Raised so that their feet touch the ground: giraffe by 1 m."
     bpy.ops.crowd_lod.build()
     settings.characters.hide_render = True
     assert pictured(sunk, tmp_path) == pytest.approx(0, abs=WIDTH / PIXELS)
     entry.on_ground = False
     assert entry.center == pytest.approx(0.0, abs=0.01)
-    assert "Off the ground (see Stand on Ground): giraffe" in " ".join(
+    assert "To touch the ground (see Stand on Ground), raise: giraffe by 1 m." in " ".join(
         plausible.notes_on_feet(sunk, stored_groups.groups_of(settings))
     )
     with pytest.raises(CrowdError, match="press Build again"):

@@ -251,7 +251,7 @@ def shell(line, folder, **variables):
         ("CLI sample chapter --out a.blend >&-", 1, "", "output is closed"),
         ("CLI sample chapter --out a.blend >/dev/full", 1, "", "No space left on device"),
         ("CLI sample chapter --out a.blend --json >/dev/full 2>&-", 1, "", ""),
-        ("CLI report cull --pairs 800 <&- 2>/dev/full", 0, "telephoto", ""),
+        ("CLI sample chapter --out ../a.blend <&- 2>/dev/full", 0, "a.blend", ""),
         ("CLI preview none.blend 2>/dev/full", 1, "", ""),
         ("CLI --help >/dev/full", 1, "", "No space left on device"),
         ("CLI fly 2>&-", 2, "", ""),

@@ -33,7 +33,7 @@ def test_further_crowds_get_walls_of_their_own(street):
     guests = settings.crowds[0]
     guests.count = 30
     guests.size = settings.size
-    assert "Guests: Agents would walk through kiosk" in warnings_of(street)
+    assert "Guests: 1 object stands in the crowd's way (kiosk)" in warnings_of(street)
     bpy.ops.object.select_all(action="DESELECT")
     bpy.ops.crowd_lod.walls_from_selection()
     assert [area.name for area in guests.areas] == ["kiosk"] and not len(settings.areas)
@@ -43,7 +43,7 @@ def test_further_crowds_get_walls_of_their_own(street):
 def test_walls_are_made_of_what_is_in_the_way(street):
     settings = street.crowd_lod
     trouble = warnings_of(street)
-    assert "Agents would walk through kiosk, which stands on their ground" in trouble
+    assert "1 object stands in the crowd's way (kiosk)" in trouble
     assert "press Walls from Selection" in trouble
     assert (np.abs(places_of(street)) < 1.5).all(axis=1).any()
     bpy.ops.object.select_all(action="DESELECT")

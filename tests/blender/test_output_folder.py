@@ -1,22 +1,16 @@
-"""One folder of output for each file: where it is, what moves when the file is saved, and its
-index.
-"""
+"""One folder of output for each file: where it is, and what moves when the file is saved."""
 
 import os
-import shutil
 from pathlib import Path
 
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.reporting.output_index import Entry, add_to_index, read_index
 from crowd_lod_extension.operators.blender import sidebar_answers
 from crowd_lod_extension.operators.blender.output_folders import full_path, output_folder
 from crowd_lod_extension.operators.render_setup import staleness
 from crowd_lod_extension.operators.runs.open_report import report_path
 from crowd_lod_extension.operators.scene.scene_crowd import frame_of
-
-from ..support.pages import Reader
 
 
 def small(scene):
@@ -54,16 +48,16 @@ def test_output_of_an_unsaved_file_waits_in_the_session_and_moves_with_the_first
     for name in ("plan_shot", "export_usd"):
         assert getattr(bpy.ops.crowd_lod, name)() == {"FINISHED"}
         assert ", until Blender ends: save the file " in capfd.readouterr().out
-    before = output_folder(scene)
-    assert before.is_relative_to(bpy.app.tempdir) and report_path(scene, "ALL").is_file()
+    before = output_folder(scene, "plan")
+    assert before.is_relative_to(bpy.app.tempdir) and report_path(scene, "PLAN").is_file()
     scene = save(tmp_path / "people.blend")
     home = tmp_path / "people_crowd_lod"
     assert (
         not before.exists()
-        and output_folder(scene) == home
+        and output_folder(scene, "plan") == home / "plan"
         and full_path(settings.shot_plan) == home / "plan" / "plan.npz"
     )
-    assert report_path(scene, "ALL").is_file() and (home / "usd" / "crowd.usdc").is_file()
+    assert report_path(scene, "PLAN").is_file() and (home / "usd" / "crowd.usdc").is_file()
     assert planned(scene)
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "people.blend"))
     assert bpy.context.scene.crowd_lod.shot_plan == "//people_crowd_lod/plan/plan.npz" and planned(
@@ -146,7 +140,7 @@ def test_a_new_file_does_not_take_the_output_of_the_one_before(scene, tmp_path):
     small(scene)
     path = plan(scene)
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    assert output_folder(bpy.context.scene) != path.parents[1]
+    assert output_folder(bpy.context.scene, "plan") != path.parent
     save(tmp_path / "new.blend")
     assert [path.name for path in tmp_path.iterdir()] == ["new.blend"]
 
@@ -218,40 +212,6 @@ def test_a_record_of_points_moves_along(tmp_path):
     assert settings.tracks_file == "//a_Points.npz"
     with np.load(tmp_path / "a_Points.npz") as file:
         assert file.files
-
-
-def test_the_index_tells_what_was_made_when_and_for_which_file(tmp_path):
-    folder = tmp_path / "a & b"
-    for part in ("plan", "preview"):
-        (folder / part).mkdir(parents=True)
-        for name in ("report.html", "f 1.png", "plan.json"):
-            (folder / part / name).write_text("")
-    (folder / "plan" / "worst.png").write_text("")
-    add_to_index(folder, Entry("plan", "Plan Shot", "2026-01-01 10:00:00 UTC", "old.blend", "S"))
-    add_to_index(folder, Entry("preview", "Preview", "2026-01-02 10:00:00 UTC", "", "S <1>"))
-    add_to_index(
-        folder, Entry("plan", "Plan Shot", "2026-01-03 10:00:00 UTC", "new.blend", "S", "0.8 px")
-    )
-    page = Reader((folder / "index.html").read_text(encoding="utf-8"))
-    assert "0.8 px" in page.texts
-    assert [cell for cell in page.cells if cell.endswith("UTC")] == [
-        "2026-01-03 10:00:00 UTC",
-        "2026-01-02 10:00:00 UTC",
-    ]
-    assert (
-        "new.blend" in page.cells
-        and "not saved" in page.cells
-        and "S <1>" in page.cells
-        and "old.blend" not in page.cells
-    )
-    assert page.links[:3] == ["plan/report.html", "plan/worst.png", "plan/worst.png"] and all(
-        (folder / link).is_file() for link in page.links
-    )
-    (folder / "index.json").write_text("[{}]")
-    assert read_index(folder) == []
-    shutil.rmtree(folder / "plan")
-    add_to_index(folder, Entry("preview", "Preview", "2026-01-04 10:00:00 UTC", "", "S"))
-    assert len(read_index(folder)) == 1
 
 
 @pytest.mark.once

@@ -1,4 +1,6 @@
-"""What goes into the extension's zip, by Blender's own tool, the one inside the bpy module."""
+"""What goes into the extension's zip, by Blender's own tool, the one inside the bpy module, and that
+its pages lead to one another.
+"""
 
 import base64
 import hashlib
@@ -11,9 +13,14 @@ from pathlib import Path
 
 import pytest
 from crowd_lod_extension import package
+from crowd_lod_extension.operators.ui.manual import help_address
+from crowd_lod_extension.operators.ui.step_panel import Step
 from crowd_lod_extension.package import bundled_tool
 
+from ..support.pages import Reader
+
 ROOT = Path(__file__).parents[2]
+MAIN = Step.bl_parent_id  # of the panels of the steps, which have the help button
 
 
 def test_the_zip_holds_the_extension_and_nothing_else(tmp_path):
@@ -39,16 +46,19 @@ def test_the_zip_holds_the_extension_and_nothing_else(tmp_path):
     ):
         (tree / unwanted).parent.mkdir(exist_ok=True)
         (tree / unwanted).touch()
+    built = tmp_path / "built.zip"
     archive = tmp_path / "extension.zip"
-    for arguments in (
-        ["validate", tree],
-        ["build", "--source-dir", tree, "--output-filepath", archive],
-        ["validate", archive],
-    ):
+
+    def use_tool(*arguments):
         subprocess.run([sys.executable, bundled_tool(), *arguments], check=True)
+
+    use_tool("validate", tree)
+    use_tool("build", "--source-dir", tree, "--output-filepath", built)
+    package.write_web_pages(built, archive, "https://example.org/crowd")
+    use_tool("validate", archive)
     names = {Path(name) for name in zipfile.ZipFile(archive).namelist()}
     folders = "crowd_lod", "docs", "operators", "sample_scenes", "shaders"
-    files = "__init__.py", "blender_manifest.toml", "LICENSE", "README.md"
+    files = "__init__.py", "blender_manifest.toml", "LICENSE", "README.html"
     assert {name.parts[0] for name in names} <= {*folders, *files}
     assert not [name for name in names if name.suffix in (".blend", ".pyc")]
     code = {
@@ -57,9 +67,30 @@ def test_the_zip_holds_the_extension_and_nothing_else(tmp_path):
         for suffix in ("py", "glsl", "json")
         for file in (ROOT / folder).rglob(f"*.{suffix}")
     }
-    pages = {file.relative_to(ROOT) for file in (ROOT / "docs").rglob("*.md")}
+    sources = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
+    pages = {file.relative_to(ROOT).with_suffix(".html") for file in sources}
     assert code - {Path("docs") / file.name for file in (ROOT / "docs").glob("*.py")} <= names
-    assert pages <= names
+    assert pages <= names and not [name for name in names if name.suffix == ".md"]
+    zipfile.ZipFile(archive).extractall(tmp_path / "installed")
+    look_at_manual(tmp_path / "installed", pages)
+
+
+def look_at_manual(folder, pages):
+    """Links lead to files in the folder and to headings there, Help to the headings of panels."""
+    read = {folder / page: Reader((folder / page).read_text(encoding="utf-8")) for page in pages}
+    for page, found in read.items():
+        for link in found.links:
+            path, _, heading = link.partition("#")
+            target = Path(os.path.normpath(page.parent / path)) if path else page
+            if "://" not in link:
+                assert target.exists(), (page, link)
+                assert not heading or heading in read[target].ids, (page, link)
+    assert "https://example.org/crowd/blob/main/CHANGELOG.md" in read[folder / "README.html"].links
+    assert "docs/plaza.png" in read[folder / "README.html"].links
+    sidebar = read[folder / "docs" / "sidebar.html"].ids
+    titles = [step.bl_label for step in Step.__subclasses__() if step.bl_parent_id == MAIN]
+    headings = [help_address(title).partition("#")[2] for title in titles]
+    assert len(headings) > 8 and set(headings) <= set(sidebar)
 
 
 WHEEL = "thing-1.0-py3-none-any.whl"

@@ -1,4 +1,4 @@
-"""The commands explain and compare, on a scene with a shot plan."""
+"""The command explain, and plans of other commands, on a scene with a shot plan."""
 
 import json
 
@@ -107,38 +107,6 @@ def test_explain_says_what_is_wrong_in_one_sentence(planned, capfd, words, says)
     assert run("explain", planned, *words) == 1
     told = capfd.readouterr().err
     assert says in told and told.count("\n") == 1
-
-
-def test_compare_sets_two_plans_side_by_side(planned, tmp_path, capfd):
-    bpy.ops.wm.open_mainfile(filepath=str(planned))
-    scene = bpy.context.scene
-    scene.camera.location.x += 2
-    scene.crowd_lod.exceptions[0].use = False
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "other.blend"))
-    assert (
-        run("plan", tmp_path / "other.blend", "--frames", "2:8", "--out", tmp_path / "other") == 0
-    )
-    capfd.readouterr()
-    assert run("compare", tmp_path / "plan", tmp_path / "other", "--json") == 0
-    told = json.loads(capfd.readouterr().out)
-    assert told["made_for_differs"] == ["the overrides", "the camera"]
-    assert (told["only_in_a"], told["only_in_b"]) == ([1], [7, 8])
-    shots = [
-        json.loads((tmp_path / name / "plan.json").read_text())["shot"]["plan"]
-        for name in ("plan", "other")
-    ]
-    assert (
-        told["total"]["triangles"] == [shot["triangles"] for shot in shots]
-        and told["total"]["triangles"][0] > 0
-    )
-    assert told["total"]["memory_mb"] == [shot["memory_mb"] for shot in shots]
-    assert run("compare", tmp_path / "plan", tmp_path / "plan") == 0
-    assert "other input" not in capfd.readouterr().out
-    assert run("compare", tmp_path / "plan", tmp_path) == 1
-    assert f"There is no plan {tmp_path / 'plan.json'}" in capfd.readouterr().err
-    (tmp_path / "plan" / "plan.npz").write_bytes(np.random.default_rng(0).bytes(100))
-    assert run("compare", tmp_path / "plan", tmp_path / "other") == 1
-    assert "cannot be read" in capfd.readouterr().err
 
 
 @pytest.mark.once

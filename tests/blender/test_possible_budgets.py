@@ -46,7 +46,7 @@ def test_a_press_that_could_only_say_no_plans_no_frame(planned):
     settings.count = 1
     bpy.ops.crowd_lod.populate()
     finished(refuse_budget(planned))  # another crowd is looked at again
-    bpy.ops.crowd_lod.remove_plan()
+    settings.shot_plan = ""
     assert possible_budgets(settings) == ()
 
 
@@ -70,25 +70,25 @@ def test_make_heeds_memory_and_overrides(planned):
     with pytest.raises(CrowdError, match="set Memory to"):
         finished(make_levels(planned))
     settings.budget_memory = 0
-    settings.budget_vertices = 60
+    settings.budget_triangles = 60
     entry = settings.exceptions.add()
     entry.kind = "ALWAYS"
     entry.level = 0
     entry.agents = "0-5"
-    with pytest.raises(CrowdError, match="set Vertices to") as error:
+    with pytest.raises(CrowdError, match="set Triangles to") as error:
         finished(make_levels(planned))
-    settings.budget_vertices = int(
-        re.search(r"Vertices to ([\d,]+)", str(error.value))[1].replace(",", "")
+    settings.budget_triangles = int(
+        re.search(r"Triangles to ([\d,]+)", str(error.value))[1].replace(",", "")
     )
     finished(make_levels(planned))
     plan = finished(plan_shot(planned, wanted_of(planned, Path(), [1, 2])))
-    assert 60 < plan.plan.bill.vertices.max() <= settings.budget_vertices
+    assert 60 < plan.plan.bill.triangles.max() <= settings.budget_triangles
     assert plan.plan.bill.counts[:, 1:].sum() == 0
     assert not outdated(planned)
     entry.agents = "0-4"
     assert outdated(planned) == "LODs were made before the overrides changed"
     entry.use = False
-    settings.budget_vertices = 0
+    settings.budget_triangles = 0
     assert OVERRIDES not in outdated(planned)  # which then count for the plan alone
 
 

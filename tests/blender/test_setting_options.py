@@ -24,13 +24,15 @@ def test_options_set_the_settings_that_they_are(settings):
     apply(settings, "verify", "x", "--width", 64, "--samples", 2, "--step", 3)
     assert (settings.width, settings.verify_width, settings.verify_samples) == (96, 64, 2)
     assert settings.step == 3
-    apply(settings, "plan", "x", "--triangles", "2e6", "--blur", "--memory", 64)
+    apply(settings, "plan", "x", "--triangles", "2e6", "--memory", 64)
     assert (settings.budget_triangles, settings.budget_memory) == (2_000_000, 64)
-    assert settings.plan_blurred and not settings.usd_animated
+    assert not settings.usd_animated
     apply(settings, "export", "x", "--animated")
     assert settings.usd_animated
-    apply(settings, "scene", "x", "--characters", "y", "--up", "y-left", "--unit", "cm")
-    assert (settings.tracks_up, settings.tracks_unit) == ("Y_LEFT", "CM")
+    apply(
+        settings, "scene", "x", "--characters", "y", "--up", "y-left", "--columns", "id,frame,x,y"
+    )
+    assert (settings.tracks_up, settings.tracks_columns) == ("Y_LEFT", "id,frame,x,y")
 
 
 def test_what_no_option_gives_stays(settings):

@@ -63,7 +63,7 @@ def test_a_lod_that_shades_differently_begins_farther_off(striped):
     before = begins(striped)
     assert len(before) >= 1
     settings.shading_counts = True
-    with pytest.raises(CrowdError, match="press Measure LOD Meshes"):
+    with pytest.raises(CrowdError, match="press Make LOD Meshes"):
         begins(striped)
     list(measure_levels(striped))
     np.testing.assert_array_equal(

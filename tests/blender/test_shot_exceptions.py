@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.frame.planned import HIDDEN, LEVEL, PINNED
 from crowd_lod_extension.crowd_lod.shot import plan_file
-from crowd_lod_extension.operators.blender.image_data import write_image
 from crowd_lod_extension.operators.scene.scene_crowd import frame_of, policy_of, trajectory_of
 from crowd_lod_extension.operators.scene.shot_exceptions import exemptions_of
 
@@ -217,29 +216,11 @@ def test_a_region_that_moves_is_taken_where_it_is_when_the_exception_begins(leve
     assert chosen_agents(levelled) == [there] and levelled.frame_current == 1
 
 
-def test_a_painted_map_means_those_on_light_pixels(levelled):
-    pixels = np.zeros((2, 4, 3), np.uint8)
-    pixels[0, 1] = 255
-    pixels[1, 2] = 128
-    pixels[1, 3] = 127
-    add(levelled, chosen_by="MAP", map_image=write_image("front", pixels))
-    crowd = trajectory_of(levelled).at(1)
-    lower = (crowd.x >= -10) & (crowd.x < 0) & (crowd.y < 0)
-    upper = (crowd.x >= 0) & (crowd.x < 10) & (crowd.y >= 0)
-    assert (
-        chosen_agents(levelled) == [np.flatnonzero(lower | upper).tolist()]
-        and lower.any()
-        and upper.any()
-    )
-
-
-@pytest.mark.parametrize("change", ["moved", "painted", "renumbered", "frames", "order"])
+@pytest.mark.parametrize("change", ["moved", "renumbered", "frames", "order"])
 def test_the_plan_says_when_an_exception_has_changed(levelled, tmp_path, change):
     region = cube(levelled, (-20, -20, -1), (20, 20, 1))
-    image = write_image("all", np.full((2, 2, 3), 255, np.uint8))
     add(levelled, "A", agents="1", kind="ALWAYS", level=1, all_frames=False)
     add(levelled, "B", chosen_by="REGION", region=region)
-    add(levelled, "C", chosen_by="MAP", map_image=image)
     planned(levelled, tmp_path / "plan")
     assert frame_at(levelled, 2).planned
     settings = levelled.crowd_lod
@@ -247,8 +228,6 @@ def test_the_plan_says_when_an_exception_has_changed(levelled, tmp_path, change)
     assert frame_at(levelled, 2).planned
     if change == "moved":
         region.location.x += 1
-    elif change == "painted":
-        image.pixels[0] = 0.0
     elif change == "renumbered":
         settings.exceptions[0].agents = "2"
     elif change == "frames":
@@ -275,8 +254,6 @@ WRONG = [
         dict(chosen_by="REGION", region="shrunk"),
         "The region shrunk of the override Hero has no area",
     ),
-    (dict(chosen_by="MAP"), "has no map"),
-    (dict(chosen_by="MAP", map_image="black"), "no agent stands in its map black at frame 1"),
 ]
 
 
@@ -287,13 +264,9 @@ def test_wrong_exceptions_are_named_in_one_sentence_and_change_nothing(
     cube(levelled, (500, 500, -1), (501, 501, 1), "far")
     cube(levelled, (-20, -20, -1), (20, 20, 1), "shrunk").scale = (0, 0, 0)
     levelled.collection.objects.link(bpy.data.objects.new("bare", bpy.data.meshes.new("bare")))
-    write_image("black", np.zeros((2, 2, 3), np.uint8))
     bpy.context.view_layer.update()
-    blocks = {"region": bpy.data.objects, "map_image": bpy.data.images}
-    add(
-        levelled,
-        **{key: blocks[key][value] if key in blocks else value for key, value in settings.items()},
-    )
+    region = settings.get("region")
+    add(levelled, **settings | ({"region": bpy.data.objects[region]} if region else {}))
     levelled.crowd_lod.frames = "1:3"
     levelled.crowd_lod.output_folder = str(tmp_path)
     with pytest.raises(RuntimeError) as told:

@@ -278,10 +278,10 @@ def test_the_largest_switches_are_gone_to_in_turn(zoomed, tmp_path):
         bpy.ops.crowd_lod.go_to_switch()
 
 
-def test_remove_plan_takes_distances_again(zoomed, tmp_path):
+def test_a_plan_that_is_switched_off_takes_distances_again(zoomed, tmp_path):
     planned(zoomed, tmp_path / "plan")
-    assert bpy.ops.crowd_lod.remove_plan() == {"FINISHED"}
-    assert not frame_at(zoomed, 6).planned and (tmp_path / "plan" / "plan.npz").exists()
+    zoomed.crowd_lod.use_shot_plan = False
+    assert not frame_at(zoomed, 6).planned
 
 
 @pytest.mark.once

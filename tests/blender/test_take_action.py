@@ -152,7 +152,7 @@ def test_of_several_actions_of_a_file_the_walk_is_taken_and_that_is_said():
     settings.count = 2
     bpy.ops.crowd_lod.populate()
     assert (
-        "walks by the action agree, and its file has walk, a walk by its name: press Take"
+        "walks by the action agree, and its file has walk (chosen by name): press Take Action."
         in settings.trouble
     )
     assert bpy.ops.crowd_lod.take_action() == {"FINISHED"}
@@ -162,40 +162,41 @@ def test_of_several_actions_of_a_file_the_walk_is_taken_and_that_is_said():
     armature.animation_data.action = bpy.data.actions["agree"]
     scene = bpy.context.scene
     (sentence,) = take_walks(scene, [item])
-    assert sentence == (
-        "skin plays walk of its file's actions, a walk by its name, in place of agree (its "
-        "feet walk at 0.00 m/s, those of agree at 0.00 m/s, and agents at 1.25 m/s)."
-    )
+    assert sentence == "skin now plays walk (chosen by name) instead of agree."
     armature.animation_data.action = bpy.data.actions["skin walk"].copy()
     armature.animation_data.action.name = "dance of its own"
     assert [*take_walks(scene, [item])] == []
 
 
-def test_without_a_name_the_action_is_taken_whose_feet_fit_the_speed():
+def test_without_a_name_the_action_is_taken_that_moves_forward_at_a_persons_speed():
     armature, _ = bent("skin")
     item = new("body", tube("body", 8, 4))
     skin(item, armature)
-    foot = armature.pose.bones["upper"]
-    for name, way in (("gallop", 4.0), ("march", 1.1), ("nod", 0.0)):
+    root = armature.pose.bones[0]
+    for name, way in (("gallop", 4.0), ("march", 1.1), ("saunter", 0.6), ("nod", 0.0)):
         action = stash(armature, name)
         armature.animation_data.action = action
-        for frame, y in ((1, 0.0), (25, way), (26, 0.0)):  # a second on the ground, then back
-            foot.location = (y, -1.5, 0)  # below the rig's root
-            foot.keyframe_insert("location", frame=frame)
+        for frame, x in ((1, 0.0), (25, way)):  # a second
+            root.location = (x, 0, 0)
+            root.keyframe_insert("location", frame=frame)
     settings = bpy.context.scene.crowd_lod
     settings.characters = character(item)
     settings.count = 2
     bpy.ops.crowd_lod.populate()
-    told = "walks by the action nod, and its file has march, whose feet fit the speed best: press"
+    told = "walks by the action nod, and its file has march (chosen by its speed): press"
     assert told in settings.trouble and not action_outdated(bpy.context.scene)
     (sentence,) = take_walks(bpy.context.scene, [armature, item])
     assert armature.animation_data.action.name == "march"
-    assert "whose feet fit the speed best, in place of nod" in sentence
+    assert sentence == "skin now plays march (chosen by its speed) instead of nod."
     assert [*take_walks(bpy.context.scene, [armature, item])] == []
     armature.animation_data.action = bpy.data.actions["nod"]
-    bpy.data.actions.remove(bpy.data.actions["march"])
+    for name in ("march", "saunter"):
+        bpy.data.actions.remove(bpy.data.actions[name])
     (sentence,) = take_walks(bpy.context.scene, [armature, item])
-    assert "plays gallop" in sentence  # in slow motion, which is better than to glide
+    assert sentence == (
+        "skin plays nod, and no action of its file is called a walk: choose the one to walk by in "
+        "the Action Editor."
+    )
 
 
 def test_images_that_did_not_come_along_are_told_with_the_way_out(skinned, tmp_path):

@@ -329,7 +329,7 @@ def test_what_is_wrong_is_one_sentence(tmp_path, capfd):
     assert os.listdir(tmp_path) == []
 
 
-@pytest.mark.parametrize("more", [(), ("--triangles", "budget"), ("--blur",)])
+@pytest.mark.parametrize("more", [(), ("--triangles", "budget"), ("blur",)])
 def test_predictions_hold_where_planned_lods_switch(levelled, tmp_path, capfd, more):
     """In the frame with the most switches and in the one before it, also where a budget or blur
     lets LODs deviate by more.
@@ -338,7 +338,7 @@ def test_predictions_hold_where_planned_lods_switch(levelled, tmp_path, capfd, m
     lens = levelled.camera.data
     settings.choice = "BY_TOLERANCE"
     settings.tolerance = 2.0
-    levelled.render.use_motion_blur = "--blur" in more
+    levelled.render.use_motion_blur = "blur" in more
     for frame, lens.lens in ((1, 15), (6, 200)):
         lens.keyframe_insert("lens", frame=frame)
     file = tmp_path / "zoom.blend"
@@ -349,7 +349,6 @@ def test_predictions_hold_where_planned_lods_switch(levelled, tmp_path, capfd, m
     if "budget" in more:
         rows = list(csv.DictReader((plan / "frames.csv").open()))
         more = "--triangles", int(0.99 * max(int(row["triangles"]) for row in rows))
-    if more:
         assert run(*asked, *more) == 0
     frames = [int(row["frame"]) for row in csv.DictReader((plan / "switches.csv").open())]
     most = max(frames, key=frames.count)
@@ -365,5 +364,5 @@ def test_predictions_hold_where_planned_lods_switch(levelled, tmp_path, capfd, m
     assert all(row["culling_ok"] and row["lod_ok"] and row["judged"] for row in rows)
     # of blurred agents the plan tells what their blur does not hide, verify the whole, and apart
     assert not more or max(agent["predicted_px"] for agent in agents) > 2.0
-    assert any(agent["apart"] for agent in agents) == ("--blur" in more)
+    assert any(agent["apart"] for agent in agents) == ("blur" in more)
     assert ("--triangles" in more) == (rows[0]["allowed_shift"] > 2.0)

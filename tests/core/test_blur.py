@@ -78,7 +78,7 @@ def test_lods_are_coarser_by_the_blur_and_no_more(crowd):
         begin_recording([1], [1.0], crowd.start.group, library.first(crowd.gaits), library)
         for _ in range(2)
     ]
-    recordings[1].blurred = 1.0
+    recordings[1].tolerance = 1.0
     recordings[1].bounds = np.array([GROUP.bounds])
     for recording in recordings:
         recording.add(frame)

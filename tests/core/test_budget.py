@@ -224,9 +224,7 @@ def test_budget_that_is_kept_anyway_changes_nothing(engine):
     shot = plaza(engine=engine)
     plan = finished(decide(shot))
     counts = plan.bill.counts[:, 0].max()
-    kept = Budget(
-        plan.bill.triangles.max(), plan.bill.vertices.max(), int(counts), plan.bill.price.memory
-    )
+    kept = Budget(plan.bill.triangles.max(), int(counts), plan.bill.price.memory)
     for budget in (Budget(), kept):
         own = finished(decide_within(shot, budget))
         assert (own.levels == plan.levels).all() and own.tolerance == 0
@@ -239,9 +237,9 @@ def test_every_kind_of_budget_is_kept_at_once(engine):
     shot = plaza(engine=engine)
     free = finished(decide(shot)).bill
     few = int(free.counts[:, 0].max() // 2)
-    budget = Budget(between(shot, 0.6), between(shot, 0.55) / 2, few, 0.8 * free.price.memory)
+    budget = Budget(between(shot, 0.6), few, 0.8 * free.price.memory)
     found = finished(decide_within(shot, budget)).bill
-    assert found.triangles.max() <= budget.triangles and found.vertices.max() <= budget.vertices
+    assert found.triangles.max() <= budget.triangles
     assert found.counts[:, 0].max() <= few and found.price.memory <= budget.memory
     found = finished(decide_within(shot, Budget(finest=0)))
     assert found.bill.counts[:, 0].max() == 0 and 0 <= found.bound < 0.35
@@ -284,14 +282,10 @@ def test_impossible_budget_says_what_is_possible(worst):
         CrowdError, match=f"triangles is impossible: frame {frame} takes {least:,.0f} at least"
     ):
         finished(decide_within(shot, Budget(triangles=worst)))
-    with pytest.raises(
-        CrowdError, match=f"vertices is impossible: frame {frame} takes {least / 2:,.0f} at least"
-    ):
-        finished(decide_within(shot, Budget(vertices=worst)))
     megabytes = f"{np.ceil(coarsest.price.memory / 1e5) / 10} MB at least, with the coarsest LODs"
     with pytest.raises(CrowdError, match=f"MB is impossible: the shot takes {megabytes}"):
         finished(decide_within(shot, Budget(memory=worst)))
-    finished(decide_within(shot, Budget(least, least / 2, 0, coarsest.price.memory)))
+    finished(decide_within(shot, Budget(least, 0, coarsest.price.memory)))
 
 
 def test_plan_within_a_budget_is_the_same_on_every_python():

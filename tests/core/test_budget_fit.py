@@ -96,12 +96,6 @@ def test_a_budget_of_memory_holds_and_leaves_out_what_takes_more():
         search_for(Budget(memory=0.9 * coarse), whole).fit([[0], [0]], 0.5)
 
 
-def test_vertices_count_as_triangles_do_where_they_are_alike():
-    by_triangles = search_for(Budget(25_000), [range(5), range(5)]).fit([[0], [0]], 0.5)
-    by_vertices = search_for(Budget(vertices=25_000), [range(5), range(5)]).fit([[0], [0]], 0.5)
-    assert by_vertices == by_triangles
-
-
 def test_overridden_agents_keep_their_lods_in_any_budget():
     always = np.array([0, 0])
     views = [[replace(view, lods=always) for view in views] for views in VIEWS]

@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from crowd_lod_extension.benchmarks.cull_audit import LENSES, random_camera
 from crowd_lod_extension.crowd_lod.culling.camera import (
     crop,
     frustum_corners,
@@ -14,7 +15,6 @@ from crowd_lod_extension.crowd_lod.culling.radar import radar
 from crowd_lod_extension.crowd_lod.culling.shutter import open_shutter
 from crowd_lod_extension.crowd_lod.culling.stereo import Stereo, eye, spherical
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.validation.culling_audit import LENSES, random_camera
 
 from ..support.cameras import ONE, straight, turned
 from ..support.crowds import crowd_at

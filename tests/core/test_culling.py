@@ -3,6 +3,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from crowd_lod_extension.benchmarks.cull_audit import LENSES, audit, random_camera
 from crowd_lod_extension.crowd_lod.culling.radar import (
     BLOCK,
     RadarOptions,
@@ -11,7 +12,6 @@ from crowd_lod_extension.crowd_lod.culling.radar import (
     refuse_lost,
 )
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.validation.culling_audit import LENSES, audit, random_camera
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import find_visible, gap, scatter, sees
 from crowd_lod_extension.crowd_lod.validation.extreme_cases import table, table_text
 

@@ -4,6 +4,7 @@ from fractions import Fraction
 import hypothesis.strategies as st
 import numpy as np
 import pytest
+from crowd_lod_extension.benchmarks.cull_audit import random_camera
 from crowd_lod_extension.crowd_lod.crowd.maps import Area
 from crowd_lod_extension.crowd_lod.culling.camera import Window
 from crowd_lod_extension.crowd_lod.culling.frustum import ROUNDING
@@ -18,7 +19,6 @@ from crowd_lod_extension.crowd_lod.levels.assignment import (
     pushed,
 )
 from crowd_lod_extension.crowd_lod.sorting.buckets import sort
-from crowd_lod_extension.crowd_lod.validation.culling_audit import random_camera
 from hypothesis import given
 
 from ..support.cameras import straight

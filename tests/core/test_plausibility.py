@@ -6,18 +6,16 @@ from crowd_lod_extension.crowd_lod.validation import plausibility as judge
 
 
 def test_giants_and_dwarfs_are_found_and_people_are_not():
-    found = judge.check_heights(np.array([1.75, 78.0, 0.002, 0.0, 2.4]))
-    assert found.indices.tolist() == [1, 2]
-    assert judge.check_heights(np.array([1.1, 1.9, 0.0])) is None
+    assert judge.check_heights(np.array([1.75, 78.0, 0.002, 0.0, 2.4])).tolist() == [1, 2]
+    assert not len(judge.check_heights(np.array([1.1, 1.9, 0.0])))
 
 
 @pytest.mark.parametrize(
-    "speeds, kind",
-    [([5.0, 5.2, 0], "fast"), ([0.03, 0.0125], "slow"), ([0, 0], "nobody moves"), ([1.3, 0], "")],
+    "speeds, median",
+    [([5.0, 5.2, 0], 5.1), ([0.03, 0.0125], 0.03), ([0, 0], 0), ([1.3, 0], None), ([], None)],
 )
-def test_speeds_that_people_do_not_walk_at_are_found(speeds, kind):
-    found = judge.check_speeds(np.array(speeds), judge.RUNS)
-    assert (found.kind if found else "") == kind
+def test_speeds_that_people_do_not_walk_at_are_found(speeds, median):
+    assert judge.check_speeds(np.array(speeds), judge.RUNS) == median
 
 
 def test_a_speed_is_that_of_who_walks():
@@ -25,35 +23,25 @@ def test_a_speed_is_that_of_who_walks():
     ways = np.array([2.45, 0.0, 0.0, 0.001])
     seconds = np.ones(4)
     assert judge.median_speeds(agents, ways, seconds, 3).tolist() == [2.45, 0, 0]
-    assert judge.check_speeds(np.array([2.45, 0]), judge.HASTE).value == 2.45
+    assert judge.check_speeds(np.array([2.45, 0]), judge.HASTE) == 2.45
 
 
 def test_an_axis_that_is_up_is_found_and_stairs_are_not():
     angle = np.random.default_rng(1).uniform(-np.pi, np.pi, 500)
     places = np.cumsum(np.sin(angle))
-    assert (
-        judge.check_climbs(np.abs(np.cos(angle)), np.sin(angle), np.zeros(500), places).kind
-        == "climbs"
-    )
-    assert (
-        judge.check_climbs(np.ones(500), np.full(500, 0.6), np.arange(500), 0.6 * np.arange(500))
-        is None
-    )
+    assert judge.check_climbs(np.abs(np.cos(angle)), np.sin(angle), np.zeros(500), places)
+    stairs = np.ones(500), np.full(500, 0.6), np.arange(500), 0.6 * np.arange(500)
+    assert not judge.check_climbs(*stairs)
 
 
 def test_who_floats_and_who_is_sunk_is_found_with_the_height():
     above = np.array([0.01, 1.2, np.nan, -3.0, 1.4, 0, 0, 0])
     floats, sinks = judge.check_ground(above)
-    assert (floats.indices.tolist(), floats.value, sinks.indices.tolist(), sinks.value) == (
-        [1, 4],
-        pytest.approx(1.3),
-        [3],
-        3.0,
-    )
+    assert (floats.indices.tolist(), floats.height) == ([1, 4], pytest.approx(1.3))
+    assert (sinks.indices.tolist(), sinks.height) == ([3], -3.0)
     assert not judge.check_ground(np.array([0.05, 0, np.nan]))
     assert not judge.check_ground(np.full(3, np.nan))
 
 
 def test_a_pose_that_stands_is_found():
-    assert judge.check_poses(np.array([0.03, 3.6])).indices.tolist() == [1]
-    assert judge.check_poses(np.zeros(2)) is None
+    assert judge.check_poses(np.array([0.03, 3.6])).tolist() == [1]

@@ -2,10 +2,7 @@
 data.
 """
 
-import base64
 import re
-import struct
-import zlib
 from dataclasses import replace
 from html import unescape
 
@@ -283,31 +280,6 @@ def test_what_no_frame_shows_is_not_needed():
         "child",
         "30 of 30 agents",
     ]
-
-
-def test_crops_are_inside_the_page_and_hold_the_pixels():
-    before, after = (np.random.default_rng(k).integers(0, 256, (5, 4, 3)) / 255 for k in (1, 2))
-    text = shot_page(replace(some_report(), crops=[(before, after), None, (after, after)]))
-    read = Reader(text)
-    found = [
-        base64.b64decode(link.partition("base64,")[2])
-        for link in read.links
-        if link.startswith("data:image/png")
-    ]
-    assert read.tags.count("img") == len(found) == 6 and "Where pictures are missing" in text
-    difference = (4 * abs(after - before)).clip(0, 1)
-    for png, own in zip(found, (before, after, difference, after, after, 0 * after), strict=True):
-        assert struct.unpack(">II", png[16:24]) == (4, 5)
-        lines = np.frombuffer(zlib.decompress(png[png.index(b"IDAT") + 4 :]), np.uint8).reshape(
-            5, 13
-        )
-        assert (
-            not lines[:, 0].any() and (lines[::-1, 1:].reshape(5, 4, 3) == np.rint(255 * own)).all()
-        )
-    rows = data_rows(text)
-    assert [
-        title for title in read.texts if title.startswith("Frame ") and ", agent " in title
-    ] == [f"Frame {rows[k][0]}, agent {rows[k][1]}: {rows[k][2]} to {rows[k][3]}" for k in (0, 2)]
 
 
 def test_by_ratio_hysteresis_is_not_told():

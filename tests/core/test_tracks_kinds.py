@@ -78,9 +78,45 @@ def test_the_rate_is_that_of_frames_and_times_or_of_the_comment(tmp_path):
     assert read(tmp_path, "# framerate: 29,97 fps\n# id frame x/m y/m\n1 0 0 0\n").rate == 29.97
 
 
-def test_a_table_without_titles_may_begin_with_seconds(tmp_path):
-    rows = read(tmp_path, "0.0 7 1 2\n0.5 7 1.5 2\n1.0 7 2 2\n")
+@pytest.mark.parametrize(
+    ("content", "columns"),
+    [
+        ("0.0\t7.0\t1\t2\n10.0\t7.0\t1.5\t2\n", "frame,id,x,y"),  # ETH and UCY
+        # an obsmat of ETH
+        ("0e0 7e0 1 0.0 2 0.1 0.0 0.2\n1e1 7e0 1.5 0.0 2 0.1 0.0 0.2\n", "frame,id,x,z,y,vx,vz,vy"),
+        ("0 7 1 0.0 2\n10 7 1.5 0.0 2\n", "frame id x - y"),
+        ("7,100,0,200\n7,150,10,200\n", "id; x/cm; frame; y/cm"),
+        ("# a b\nid,frame,y,x\n7,0,1,2\n7,10,1.5,2\n", "id,frame,x,y"),  # over titles
+        ("$VISION\n* made\n$PEDESTRIAN:NO;SIMSEC;X\n7;0;1;2\n7;10;1.5;2\n", "id;frame;x;y"),
+        ("a 0 ped7 1 2\na 10 ped7 1.5 2\n", "group,frame,id,x,y"),
+    ],
+)
+def test_columns_names_those_of_a_table_without_titles(tmp_path, content, columns):
+    path = tmp_path / "tracks.txt"
+    path.write_text(content)
+    rows = read_rows(path, columns).in_meters()
+    assert rows.id.tolist() in ([7, 7], [0, 0]) and rows.frame.tolist() == [0, 10]
+    assert (rows.x.tolist(), rows.y.tolist()) == ([1, 1.5], [2, 2]) and rows.rate == 0
+
+
+def test_a_column_of_seconds_without_titles_tells_the_rate(tmp_path):
+    (tmp_path / "a.txt").write_text("0.0 7 1 2\n0.5 7 1.5 2\n1.0 7 2 2\n")
+    rows = read_rows(tmp_path / "a.txt", "time,id,x,y")
     assert rows.id.tolist() == [7, 7, 7] and rows.frame.tolist() == [0, 1, 2] and rows.rate == 2
+
+
+@pytest.mark.parametrize(
+    ("columns", "says"),
+    [
+        ("frame,x,y", "Columns names frame, x, y, and none for id: name id, frame"),
+        ("frame,id,x,z,y", "has 5 titles by Columns .* and 4 values in its first row"),
+    ],
+)
+def test_columns_that_do_not_fit_are_told(tmp_path, columns, says):
+    (tmp_path / "tracks.txt").write_text("0 7 1 2\n")
+    with pytest.raises(CrowdError, match=f"{says}.*") as error:
+        read_rows(tmp_path / "tracks.txt", columns)
+    assert "tracks.txt" in str(error.value)
 
 
 def test_commas_are_decimal_or_refused(tmp_path):
@@ -116,9 +152,8 @@ REFUSED = {
                  "[furlong]\n1,0,1,1\n", r"has the column x \[furlong\]: give places in one of m"),
     "pixels": ("id,frame,x [px],y [px]\n1,0,1,1\n", r"has the column x \[px\]"),
     "weeks": ("id,time/weeks,x,y\n1,0,1,1\n", "has the column time/weeks: give time in one of s"),
-    "boxes of MOT": ("1,1,912,484,97,109,0,-1,-1,-1\n", "10 columns without titles, as those of "
-                                                        "boxes in pictures"),
-    "boxes of SDD": ('0 789 399 815 436 0 0 0 0 "Cart"\n', "10 columns without titles"),
+    "no titles": ("1 7 0.5 0.25\n", 'has no titles and begins with "1 7 0.5 0.25": set Columns'),
+    "few columns": ("1 2 3\n", 'has no titles and begins with "1 2 3": set Columns'),
     "boxes": ("id,frame,xmin,ymin,xmax,ymax\n1,0,1,1,2,2\n", "boxes in a picture"),
     "a globe": ("id,frame,lon,lat\n1,0,1,1\n", "longitude and latitude, not lengths"),
     "more titles": ("id,when,frame,x,y\n1,0,1,1\n", r"has 5 titles .* and 4 values in its first "
@@ -130,7 +165,7 @@ REFUSED = {
     "one line": ("id,frame,x,y\n" + "1," * 2**20, "has a line of more than"),
     "a cut gzip": (gzip.compress(CSV.encode(), mtime=0)[:-9], "cannot be unpacked"),
     "a far place": ("id,frame,x,y\n1,0,1e300,1\n", r"Row 1 of .* has x 1e\+300.* at most 1e\+12"),
-    "seconds without an end": ("1e300 1 1 1\n1.5 1 1 1\n", r"has time 1e\+300"),
+    "seconds without an end": ("time,id,x,y\n1e300,1,1,1\n1.5,1,1,1\n", r"has time 1e\+300"),
     "frames by the picosecond": ("# framerate: 1234567890\n" + CSV, "tells the frame rate"),
     "odd UTF-16": (b"\xff\xfea", "is not the UTF-16"),
 }  # fmt: skip

@@ -83,9 +83,6 @@ FORMATS = {
     "decimal commas": lambda path: table(
         path, [(i, int(f), str(x).replace(".", ","), str(y).replace(".", ",")) for i, f, x, y in COLUMNS], ["id", "frame", "x", "y"], ";"
     ),
-    "ETH and UCY": lambda path: path.write_text(lines(BY_FRAME, "{1:.1f}\t{0:.1f}\t{2}\t{3}")),
-    "obsmat": lambda path: path.write_text(lines(BY_FRAME, "  {1:.7e}   {0:.7e}   {2}   0.0   {3} "
-                                                           " 0.1 0.0 0.2")),
     "Windows": lambda path: path.write_bytes(lines(BY_ID, "{},{:.0f},{},{}\r", "\ufeffid,frame,x,y\r\n\r\n").encode()),
     "NPZ": lambda path: npz.write(path, ROWS),
     "JuPedSim 1": lambda path: database(path, 1),
@@ -167,7 +164,6 @@ BAD = {
     "a picture": (b"\x89PNG\r\n\0\0\0", "neither text nor NPZ nor a database"),
     "prose": ("It was a dark and stormy night.\nThe rain fell.\n", "none for id, frame, x, y"),
     "no y": ("id,frame,x,speed\n1,0,2,3\n", "id, frame, x, speed, and none for y"),
-    "three columns": ("1 2 3\n", "has 3 columns"),
     "a short row": (GOOD + "1,2,0.1\n", "Line 4 of .* has 3 values, and the table 4"),
     "an empty value": (GOOD + "1,2,,0\n", 'Line 4 of .* has x ""'),
     "a word": (GOOD + "1,2,far,0\n", 'Line 4 of .* has x "far"'),

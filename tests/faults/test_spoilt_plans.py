@@ -13,7 +13,6 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.frame.planned import LEVEL
 from crowd_lod_extension.crowd_lod.levels.assignment import MOST_LEVELS
 from crowd_lod_extension.crowd_lod.reporting.frame_parts import FrameParts, keep_whole
-from crowd_lod_extension.crowd_lod.reporting.plan_comparison import compare
 from crowd_lod_extension.crowd_lod.shot import plan_file
 from crowd_lod_extension.operators.cli import farm, shared_runs
 from crowd_lod_extension.operators.cli.arguments import parser
@@ -206,18 +205,12 @@ def test_plan_json(tmp_path):
             "plan": {"memory_mb": 8.0},
         },
     }
-    whole = tmp_path / "whole.json"
-    whole.write_text(json.dumps(plan))
     read = 0
     for _ in range(TRIALS):
         path.write_bytes(spoilt_text(plan, dice))
-        found = refused(compare, whole, path)
-        if found is not None:
-            read += 1
-            json.dumps(found.as_json, allow_nan=False)
-            found.text.encode()
         rows = refused(farm.planned_rows, path, (1, 2, 3))
         if rows:
+            read += 1
             assert farm.farm_page("x", (1, 2, 3), rows, ["crowd-lod"])
     assert 0 < read < TRIALS
 

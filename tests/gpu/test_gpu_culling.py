@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import gpu
 import numpy as np
 import pytest
+from crowd_lod_extension.benchmarks.cull_audit import LENSES, random_camera
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd import morton_order
 from crowd_lod_extension.crowd_lod.crowd.height_map import HeightMap
@@ -12,7 +13,6 @@ from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
 from crowd_lod_extension.crowd_lod.frame.frame import plan_of
 from crowd_lod_extension.crowd_lod.frame.request import Request
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
-from crowd_lod_extension.crowd_lod.validation.culling_audit import LENSES, random_camera
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import scatter
 from crowd_lod_extension.operators.overlay import gpu_culling
 

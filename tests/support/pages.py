@@ -6,7 +6,7 @@ VOID = {"br", "img", "meta"}
 
 
 class Reader(HTMLParser):
-    """Tags that balance, texts of the cells, sources of the pictures."""
+    """Tags that balance, texts of the cells, links and sources of the pictures, ids."""
 
     def __init__(self, text):
         super().__init__()
@@ -14,6 +14,7 @@ class Reader(HTMLParser):
         self.tags = []
         self.cells = []
         self.links = []
+        self.ids = []
         self.texts = []
         self.feed(text)
         self.close()
@@ -22,6 +23,7 @@ class Reader(HTMLParser):
     def handle_starttag(self, tag, attrs):
         self.tags.append(tag)
         self.links += [value for name, value in attrs if name in ("src", "href")]
+        self.ids += [value for name, value in attrs if name == "id"]
         if tag not in VOID:
             self.open.append(tag)
         if tag in ("td", "th"):

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 STATES = 10 * int(os.environ.get("CROWD_LOD_TRIALS", "1"))
 BUTTONS = (
-    "populate remove_build remove_plan add_exception remove_exception move_exception "
+    "populate remove_build add_exception remove_exception move_exception "
     "except_agent edit_agent find_agents erase go_to_switch machine_preset"
 ).split()
 BUTTONS += (

@@ -1,32 +1,15 @@
-"""Audit of the culling: agents missed, agents kept for nothing.
+"""Judge of the culling, by exact planes: agents missed, agents kept for nothing."""
 
-The judge is validation/exact_frustum.py.
-"""
-
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..crowd.agents import Crowd
-from ..culling.camera import Camera, crop, referential, window
+from ..culling.camera import Camera
 from ..culling.frustum import ROUNDING
 from ..culling.radar import radar
-from .exact_frustum import depth_error, find_visible, gap, scatter
+from .exact_frustum import depth_error, find_visible, gap
 
-# name: kind of camera, range of log10 of the fitted side (slope or meters), largest lens shift
-LENSES = {
-    "telephoto": ("PERSP", (-3.0, -1.0), 0.1),
-    "normal": ("PERSP", (-1.0, 0.5), 0.1),
-    "wide angle": ("PERSP", (0.5, 2.0), 0.1),
-    "shifted": ("PERSP", (-1.0, 1.0), 3.0),
-    "orthographic": ("ORTHO", (-1.0, 3.0), 1.0),
-    "panoramic": ("PANO", (0.0, 0.0), 0.0),
-    "sheared": ("PERSP", (-1.0, 0.5), 0.1),
-    # its rays may see beyond the planes, so the culling keeps more
-    "sheared, Cycles": ("PERSP", (-1.0, 0.5), 0.1),
-}
-AGENTS = 1000  # of each random camera
 EXACT_DEPTHS = 50  # agents a check whose distance is compared with exact arithmetic
 
 
@@ -108,59 +91,3 @@ def judge_culling(
         doubtful=int(doubtful.sum()),
         depth_error=float(max(errors)),
     )
-
-
-def random_camera(random: np.random.Generator, lens: str) -> Camera:
-    """Return a camera with the lens `lens` of LENSES at a random place and rotation.
-
-    Some cameras are mirrored; one in five has a render border.
-    """
-    kind, (low, high), shift = LENSES[lens]
-    matrix = np.eye(4)
-    matrix[:3, :3] = np.linalg.qr(random.normal(size=(3, 3)))[0]  # a rotation, mirrored or not
-    if lens.startswith("sheared"):
-        matrix[:3, :3] = np.diag(random.uniform(0.5, 2, 3)) @ matrix[:3, :3]
-    matrix[:3, 3] = random.normal(size=3) * 10.0 ** random.uniform(-1, 4)
-    width, height = random.integers(10, 4000, size=2).tolist()
-    pixels = width, height
-    fit = ("AUTO", "HORIZONTAL", "VERTICAL")[random.integers(3)]
-    aspect = tuple(random.uniform(0.5, 2, 2))
-    shifts = tuple(random.uniform(-shift, shift, 2))
-    shape = window(10.0 ** random.uniform(low, high), fit, pixels, aspect, shifts)
-    near = 10.0 ** random.uniform(-2, 0)
-    camera = Camera(
-        kind,
-        *referential(matrix),
-        shape,
-        near,
-        near + 10.0 ** random.uniform(0.5, 3),
-        pixels,
-        rays=lens.endswith("Cycles"),
-    )
-    if random.random() < 0.2:
-        left, bottom = random.uniform(0, 0.8, 2)
-        camera = crop(camera, left, left + 0.2, bottom, bottom + 0.2)
-    return camera
-
-
-def audit(lens: str, pairs: int, seed: int = 0, on_planes: float = 0.0) -> Verdict:
-    """Return the verdict on `pairs` random pairs of camera and agent.
-
-    lens: one of LENSES.
-    on_planes: the part of the agents within roundings of a plane.
-    """
-    return sum(_audits(lens, pairs, np.random.default_rng(seed), on_planes), Verdict())
-
-
-def _audits(
-    lens: str, pairs: int, random: np.random.Generator, on_planes: float
-) -> Iterator[Verdict]:
-    while pairs > 0:
-        camera = random_camera(random, lens)
-        count = min(pairs, AGENTS)
-        radius = 10.0 ** random.uniform(-3, 1.5, 8)
-        group = random.integers(len(radius), size=count, dtype=np.uint8)
-        yield judge_culling(
-            camera, scatter(camera, radius[group], random, on_planes), radius, group
-        )
-        pairs -= count
