@@ -51,11 +51,6 @@ def add_preview(commands, program: str) -> None:
         help="colors of the characters; state, group and reason need --engine overlay (default: "
         "the scene's)",
     )
-    command.add_argument(
-        "--no-lod-pictures",
-        action="store_true",
-        help="leave out the measured silhouettes and the pictures of the LODs",
-    )
 
 
 def add_verify(commands, program: str) -> None:
@@ -109,8 +104,6 @@ def preview_shot(args) -> dict:
     """Run the command preview."""
     scene = open_shot(args)
     settings = scene.crowd_lod
-    if args.no_lod_pictures:
-        settings.lod_pictures = False
     stem = stem_of(args)
     folder = files.absolute(args.out or Path(f"{stem}_preview"))
     request = Preview(

@@ -152,7 +152,7 @@ def _picture(
             groups = first.trajectory.groups
             legends = legends_of(run.on.task.color, first)
             describing = lod_table.tables(stage, groups, first.camera, first.begins, run.folder)
-            work = LOD * lod_table.count_pictured(stage, groups)
+            work = LOD * lod_table.count_pictured(groups)
             described = ready + (0.95 - ready) * work / (work + len(frames))
             lods = yield from share(describing, ready, described)
             ready = described

@@ -129,12 +129,6 @@ class PreviewSettings:
             ),
         ],
     )
-    lod_pictures: BoolProperty(
-        name="LOD Pictures",
-        default=True,
-        description="Measure the silhouettes of each character's LODs and draw the LODs side by "
-        "side in the report: some seconds a character",
-    )
     above: PointerProperty(
         type=bpy.types.Object,
         name="View From Above",

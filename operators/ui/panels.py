@@ -264,16 +264,15 @@ class CROWDLOD_PT_levels(Step, bpy.types.Panel):
         self.draw_made(context, layout, settings)
 
     def draw_made(self, context, layout, settings) -> None:
-        """Draw two lines: what has changed since LODs were made, and about what others would be."""
+        """Draw what has changed since LODs were made, and a line on those of each group."""
         line = letters_of(context)
-        since, other_lods = steps.news_of_lods(context.scene)
+        since = steps.news_of_lods(context.scene)
         sentence = "Press Make LOD Meshes" if settings.levels is None else "LOD meshes are made"
         if since:
             sentence = f"Changed: {', '.join(since)}"
         label(
             layout, shorten(sentence, line, placeholder="..."), "FILE_REFRESH" if since else "INFO"
         )
-        label(layout, shorten(other_lods, line, placeholder="..."), "BLANK1")
         without = (
             f"no LOD pays in {NAMES[engine_of(context.scene)]}"
             if settings.choice == "BY_TOLERANCE"
@@ -337,12 +336,9 @@ class CROWDLOD_PT_decimation(Step, bpy.types.Panel):
     bl_parent_id = "CROWDLOD_PT_levels"
 
     def body(self, context, layout, settings) -> None:
-        layout.prop(settings, "method")
         active_column(layout, settings.choice == "BY_TOLERANCE").prop(settings, "shading_counts")
-        wide(layout, settings, "hidden_surface_counts")
         layout.prop(settings, "scale_textures")
         layout.prop(settings, "bias_image")
-        button(layout, "crowd_lod.measure_levels", icon="DRIVER_DISTANCE")
 
 
 class CROWDLOD_PT_overlay(Step, bpy.types.Panel):

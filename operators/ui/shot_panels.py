@@ -165,7 +165,6 @@ class CROWDLOD_PT_preview_advanced(Step, bpy.types.Panel):
     def body(self, context, layout, settings) -> None:
         layout.prop(settings, "width")
         layout.prop(settings, "above", text="From Above", translate=False)
-        layout.prop(settings, "lod_pictures")
 
 
 class CROWDLOD_PT_build(Step, bpy.types.Panel):

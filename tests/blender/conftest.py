@@ -49,7 +49,6 @@ def scene(request):
     settings.count = 300
     settings.size = (40, 40)
     settings.thresholds[:2] = (0.2, 0.5)
-    settings.method = "DECIMATE"  # the quickest
     return scene
 
 
@@ -70,7 +69,6 @@ def small_shot():
     settings = scene.crowd_lod
     settings.count = 6
     settings.size = (10, 10)
-    settings.method = "DECIMATE"
     return scene
 
 

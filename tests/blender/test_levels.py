@@ -4,6 +4,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.blender import mesh_data
 from crowd_lod_extension.operators.characters import stored_groups
+from crowd_lod_extension.operators.lod_meshes.deviation import measure_levels
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from mathutils import Matrix
 from mathutils.bvhtree import BVHTree
@@ -132,7 +133,7 @@ def test_making_levels_measures_them_and_the_user_s_edits_are_measured_again(sce
         o for o in scene.crowd_lod.levels.children[2].children[0].objects if o.type == "MESH"
     ).data
     mesh.transform(Matrix.Translation((0, 0, 0.5)))
-    assert bpy.ops.crowd_lod.measure_levels() == {"FINISHED"}
+    list(measure_levels(scene))
     after = [g.deviations for g in stored_groups.groups_of(scene.crowd_lod)]
     assert after[1] == before[1] and after[0][:2] == before[0][:2] and after[0][2] > 0.4
     bpy.ops.crowd_lod.populate()  # keeps what is known of the LODs
@@ -140,9 +141,9 @@ def test_making_levels_measures_them_and_the_user_s_edits_are_measured_again(sce
     for item in list(scene.crowd_lod.levels.children[1].children[0].objects):
         bpy.data.objects.remove(item)
     with pytest.raises(
-        RuntimeError, match="adult has no LOD meshes in Crowd LOD 1: press Make LOD Meshes again"
+        CrowdError, match="adult has no LOD meshes in Crowd LOD 1: press Make LOD Meshes again"
     ):
-        bpy.ops.crowd_lod.measure_levels()
+        list(measure_levels(scene))
 
 
 def test_a_character_of_objects_with_modifiers_ngons_and_loose_vertices(scene):

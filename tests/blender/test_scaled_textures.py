@@ -65,7 +65,6 @@ def crowd():
     settings = scene.crowd_lod
     settings.count = 60
     settings.size = (20, 60)
-    settings.method = "DECIMATE"
     settings.level_count = 3
     settings.thresholds[:2] = (0.15, 0.4)
     store_groups(settings, measure_groups(scene))

@@ -160,7 +160,6 @@ def test_a_rod_of_few_triangles_keeps_those_that_it_shows_with(scene, adult):
         bpy.data.collections["adult"].objects.link(item)
         bpy.data.collections["People"].children.unlink(bpy.data.collections["child"])
         settings = scene.crowd_lod
-        settings.method = "AUTO"
         settings.choice = "BY_RATIO"
         settings.level_count = 3
         settings.ratios[:3] = (1.0, 0.12, 0.03)

@@ -298,6 +298,8 @@ def scripts():
 
 def leave():
     """Blender is quit amid a step."""
+    bpy.ops.wm.open_mainfile(filepath=str(FOLDER / "before.blend"))
+    yield 1.0
     yield from begin("make_levels")
     return {"begun": at_work() is not None}
 

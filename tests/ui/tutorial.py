@@ -88,7 +88,6 @@ def own_scene():
     if FOR_PAGE:
         bpy.context.preferences.system.viewport_aa = "8"
     else:
-        settings().method = "DECIMATE"  # the quickest
         settings().verify_samples = 1
         scene().frame_end = 8
         scene().render.resolution_percentage = 50
