@@ -11,7 +11,7 @@ the empty ground is put down to the counts of Work by non-negative least squares
 Prints the rows, the coefficients and the residuals.
 
 --held-out judges costs by crowds that none was fitted to: the time with LODs as a part of full
-detail's, rendered, by the developers' costs, and by those that `crowd-lod calibrate` found here.
+detail's, rendered and by the costs.
 """
 
 import tempfile
@@ -19,19 +19,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from pathlib import Path
 
-import bpy
 import numpy as np
-from crowd_lod_extension.crowd_lod.levels.cost_fit import fit_costs
+from cost_fit import fit_costs
 from crowd_lod_extension.crowd_lod.levels.cost_model import (
-    DEVELOPERS,
-    SECONDS,
-    Costs,
     Work,
     default_costs,
     price,
 )
-from crowd_lod_extension.operators.blender import scene_data
-from crowd_lod_extension.operators.blender.machine_costs import calibration_of
 from jobs import job
 from ways import EVERYONE
 from worth import LIMIT, PICTURE, show
@@ -88,13 +82,6 @@ def main() -> None:
 
 def judge(engine: str) -> None:
     """Print the shares of time of HELD_OUT in `engine`: rendered, and by the costs."""
-    scene = bpy.context.scene
-    scene.render.engine = scene_data.BLENDER_ENGINES[engine]
-    calibration = calibration_of(scene)
-    machine = (
-        calibration.costs if calibration else Costs(engine, SECONDS[engine], DEVELOPERS[engine])
-    )
-    print(f"Costs of {machine.basis}")
     names = [each.name for each in fields(Work)]
     with tempfile.TemporaryDirectory() as scratch:
         for groups, meters, finer in HELD_OUT:
@@ -104,16 +91,13 @@ def judge(engine: str) -> None:
             for whole, lods in pairs_of(rows):
                 share = {"agents": whole["agents"], "rays": whole["rays"]}
                 share["rendered"] = lods["cpu_s"] / whole["cpu_s"]
-                for title, costs in (
-                    ("developers", default_costs(engine, whole["samples"])),
-                    ("machine", machine.with_samples(whole["samples"])),
-                ):
-                    by_ratio, full = (
-                        price(Work(**{name: row[name] for name in names}), costs).seconds
-                        for row in (lods, whole)
-                    )
-                    share[title] = by_ratio / full
-                    share[f"{title} off"] = share[title] / share["rendered"] - 1
+                costs = default_costs(engine, whole["samples"])
+                by_ratio, full = (
+                    price(Work(**{name: row[name] for name in names}), costs).seconds
+                    for row in (lods, whole)
+                )
+                share["predicted"] = by_ratio / full
+                share["off"] = share["predicted"] / share["rendered"] - 1
                 shares.append({name: round(value, 3) for name, value in share.items()})
             show(f"{engine}, {crowd}: time with LODs as a part of full detail's", shares)
 

@@ -17,7 +17,7 @@ import crowd_lod_extension
 import crowds
 import lod_trial
 import numpy as np
-from crowd_lod_extension.crowd_lod.levels.cost_fit import fit_costs
+from cost_fit import fit_costs
 from crowd_lod_extension.crowd_lod.levels.cost_model import FILE, MEMORY
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender.ownership import remove_owned

@@ -20,8 +20,8 @@ from .hand_over import farm_job, sizes
 from .lod_meshes import make_lods
 from .machine import machine_buttons, machine_settings, map_areas, map_painting, state_machine_menu
 from .overlay import agent_picker, viewport_image, viewport_overlay
-from .render_setup import aovs, buttons, frame_update
-from .runs import calibrate, open_report, preview, update_all, verify_button
+from .render_setup import aovs, buttons, character_images, frame_update
+from .runs import open_report, preview, update_all, verify_button
 from .scene import plan_verdict, populate, sample_menu, scene_crowd, walls_button
 from .settings import (
     area_settings,
@@ -70,7 +70,6 @@ MODULES = (
     take_action,
     make_lods,
     sizes,
-    calibrate,
     preview,
     shot_plan,
     update_all,
@@ -78,6 +77,7 @@ MODULES = (
     open_report,
     viewport_image,
     buttons,
+    character_images,
     aovs,
     export_button,
     farm_job,

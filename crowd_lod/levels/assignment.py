@@ -131,19 +131,6 @@ def limits(
     return np.maximum.accumulate(np.where(is_finest, -np.inf, begin), axis=1)
 
 
-def grain(begins: np.ndarray, camera: Camera, radius: np.ndarray) -> np.ndarray:
-    """Return the meters that a pixel shows of an agent where each LOD begins.
-
-    (G, n - 1), in the middle of the picture, at the agent's nearest part. If the far distance of
-    the camera is nearer than where a LOD begins, it counts instead.
-    begins: (G, n - 1) meters, from `limits`.
-    radius: (G,) meters, of the bounding spheres.
-    """
-    if camera.kind == "ORTHO":
-        return np.full(begins.shape, 1 / camera.pixels_per_unit)
-    return (np.minimum(begins, camera.far) - radius[:, None]).clip(0) / camera.pixels_per_unit
-
-
 def pixels_of(
     deviation: np.ndarray | float,
     distance: np.ndarray | float,

@@ -9,12 +9,12 @@ each sample of a pixel. So LODs save *unique* triangles in Cycles and *instanced
 LOD that few agents show saves neither.
 
 The coefficients are fitted to renders by `./crowd-lod bench --costs`, which prints their residuals.
-Memory is absolute, and counts what the crowd adds to the scene. Seconds are those of the machine
-that `Costs` rest on, the developers' or the user's (cost_fit.py): only their ratios are reported.
+Memory is absolute, and counts what the crowd adds to the scene. Seconds are those of the
+developers' machines: only their ratios are reported.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -37,7 +37,7 @@ class Work:
     bones: bones of these armatures.
     rays: samples of the pixels that agents cover.
     drawn_triangles: triangles of all instances, counted once for each sample of a pixel. Only what
-        renders are fitted to has it: see Costs.with_samples.
+        renders are fitted to has it: see default_costs.
     images, image_count: bytes, and number, of the images that the characters' materials use.
     keys: keys of the actions of the build's rigs.
     other_keys: keys of all other actions in the file, such as the characters' own.
@@ -110,7 +110,7 @@ MEMORY: dict[str, dict[str, float]] = {
         "materials": 850_000,
     },
 }
-# Seconds for one of each. Cycles, of one processor: 3 % rms of the 24 renders of *Calibrate*, 6 %
+# Seconds for one of each. Cycles, of one processor: 3 % rms of 24 renders, 6 %
 # of 16 crowds that it does not know. EEVEE, of a graphics card (NVIDIA H100): 9 % rms of 39 renders
 # at 1 to 16 samples, 2 to 10,000 agents of 143 to 45,824 triangles. Images: 8 renders by Cycles,
 # 13 % rms, 24 % at worst; EEVEE has the same, for Blender decodes them.
@@ -168,17 +168,6 @@ class Costs:
     seconds: Mapping[str, float]
     basis: str
 
-    def with_samples(self, samples: float) -> "Costs":
-        """Return the costs of renders with `samples` of each pixel.
-
-        What EEVEE draws once for each sample is counted to the triangles of instances.
-        """
-        seconds = dict(self.seconds)
-        drawn_triangles = seconds.pop("drawn_triangles", 0.0)
-        if drawn_triangles:
-            seconds["instanced"] += samples * drawn_triangles
-        return replace(self, seconds=seconds)
-
 
 def default_costs(engine: str, samples: float = 1.0) -> Costs:
     """Return the costs of `engine`, one of NAMES, on the developers' machine.
@@ -191,7 +180,12 @@ def default_costs(engine: str, samples: float = 1.0) -> Costs:
         raise CrowdError(
             f"There are no costs of the engine {engine}: choose one of {', '.join(NAMES)}."
         )
-    return Costs(engine, SECONDS[engine], DEVELOPERS[engine]).with_samples(samples)
+    seconds = dict(SECONDS[engine])
+    # what EEVEE draws once for each sample is counted to the triangles of instances
+    drawn_triangles = seconds.pop("drawn_triangles", 0.0)
+    if drawn_triangles:
+        seconds["instanced"] += samples * drawn_triangles
+    return Costs(engine, seconds, DEVELOPERS[engine])
 
 
 @dataclass(frozen=True)

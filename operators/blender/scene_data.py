@@ -9,6 +9,7 @@ from mathutils import Matrix
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame_range import parse_frames
+from ...crowd_lod.levels.cost_model import Costs, default_costs
 
 EEVEE = "BLENDER_EEVEE" if bpy.app.version >= (5, 0, 0) else "BLENDER_EEVEE_NEXT"
 BLENDER_ENGINES = {"CYCLES": "CYCLES", "EEVEE": EEVEE}  # the engine of each result of engine_of
@@ -163,3 +164,8 @@ def samples_of(scene: bpy.types.Scene) -> int:
     return (
         scene.cycles.samples if scene.render.engine == "CYCLES" else scene.eevee.taa_render_samples
     )
+
+
+def costs_of(scene: bpy.types.Scene) -> Costs:
+    """Return the costs of the scene's engine and samples."""
+    return default_costs(engine_of(scene), samples_of(scene))

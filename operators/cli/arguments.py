@@ -6,7 +6,6 @@ import bpy
 
 from ...crowd_lod import __version__
 from .assemble import add_assemble
-from .calibrate_command import add_calibrate
 from .farm import add_job
 from .file_commands import add_build, add_export, add_sample
 from .new_scene import add_new_scene
@@ -28,7 +27,6 @@ COMMANDS = (
     add_sample,
     add_new_scene,
     add_simulate,
-    add_calibrate,
 )
 REPORTS = (add_error, add_extremes)
 

@@ -19,6 +19,7 @@ from ..blender.output_folders import output_file
 from ..machine.scene_world import bias_of
 from ..render_setup import bake, render_setup, view_layers
 from ..render_setup.buttons import check_blur, prepared
+from ..render_setup.character_images import IMAGE_BYTES
 from ..render_setup.cost_estimate import Estimate, estimate
 from ..render_setup.hidden_characters import notes_on_characters
 from ..render_setup.phase_characters import Cast
@@ -131,6 +132,7 @@ def build(args) -> dict:
             name: len(item.data.vertices)
             for name, item in render_setup.points_of(scene.crowd_lod.build).items()
         }
+        images = int(scene.crowd_lod.build[IMAGE_BYTES])
         verdict = plan_verdict(scene.crowd_lod, cast.unplanned) if args.bake else ""
         notes = [
             verdict,
@@ -159,7 +161,7 @@ def build(args) -> dict:
         "predicted": predicted.as_json,
         "costs": predicted.costs.basis,
         "load_seconds": round(seconds, 3),
-        "image_bytes": cast.images,
+        "image_bytes": images,
         "verdict": verdict,
         "summary": "\n".join(filter(None, lines)),
     }

@@ -42,6 +42,8 @@ if scene.render.is_movie_format:
     scene.render.image_settings.file_format = "PNG"
 scene.render.use_overwrite, scene.render.use_placeholder = True, False
 scene.render.filepath = folder + "/frames/"
+if bpy.app.version >= (5, 2, 0):  # machines would write one texture cache at once
+    scene.render.use_auto_generate_texture_cache = False
 for piece in frames.split(","):
     span, _, step = piece.partition(":")
     first, _, last = span[1:].partition("-")

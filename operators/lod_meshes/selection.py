@@ -29,7 +29,6 @@ from ...crowd_lod.shot.exceptions import lod_limits
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_data
 from ..blender.cameras import reading_cameras
-from ..blender.machine_costs import costs_of
 from ..blender.named_actions import own_performance
 from ..characters.characters import check_measured
 from ..characters.holdings import holdings_of
@@ -106,7 +105,7 @@ def views(
                 view = View(eyes[0], nearest, float(away.max()), away, pose, 1, frame, lods)
                 group_views.append(view.counted() if len(looked_at) > MOST_FRAMES else view)
         yield number / len(looked_at)
-    costs = costs_of(scene)
+    costs = scene_data.costs_of(scene)
     anywhere = [View(eyes[0], eyes[0].near, eyes[0].far) for eyes in cameras]
     return [
         GroupShot(

@@ -1,6 +1,6 @@
 """The cost of builds of a scene: full detail, LODs by distance, LODs by tolerance."""
 
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -34,7 +34,6 @@ from ...crowd_lod.levels.cost_model import (
 from ...crowd_lod.progress import aside, share, standing
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import frame_stepping, scene_data
-from ..blender.machine_costs import costs_of
 from ..characters.cast_provenance import reading
 from ..characters.holdings import holdings_of
 from ..characters.stored_groups import groups_of
@@ -45,14 +44,15 @@ from ..scene.scene_crowd import characters_of, home_of, policy_of, trajectory_of
 from ..scene.scene_occluders import STAGE
 from ..scene.shot_reference import use_of
 from ..sources.record_points import on_record
+from .character_images import image_bytes, images_of, uses_cache
 from .file_size import weigh_file, weigh_what_renders
 from .frame_update import members
 from .phase_characters import meshes_of_plan
 from .render_setup import check_levels
-from .scaled_textures import bytes_of, shown_images
 
 FULL = "Full Detail"
 CHOICES = {"BY_RATIO": "By Distance", "BY_TOLERANCE": "By Tolerance"}
+CACHED = 0.01  # part of an image's memory that far agents take from the texture cache
 LEAST_HIDDEN = 0.1  # part of the agents in the picture below which hiding them gains little
 LEAST_IN_CYCLES = 10_000  # hidden agents of a frame: 17 MB and 0.1 s (docs/notes/occlusion.md)
 
@@ -226,13 +226,10 @@ def estimate(
     of_plan = yield from standing(meshes_of_plan(scene), 1.0)
     works = {}
     mine = CHOICES[settings.choice]
-    costs = costs_of(scene)
+    costs = scene_data.costs_of(scene)
     weight = weigh_file(scene)
     rest = weight - _bytes_of_meshes(choices[mine], cast.groups)
-    pictures = shown_images(scene, settings)
-    builds = _Builds(
-        scene, settings, characters, owner, len(frames) / len(looked_at), pictures, rest
-    )
+    builds = _Builds(scene, settings, characters, owner, len(frames) / len(looked_at), rest)
     for name, choice in choices.items():
         actors = Actors(
             choice.triangles,
@@ -268,7 +265,6 @@ class _Builds:
 
     owner: (L,) the group of each character.
     frames: how many frames of the shot each frame stands for that was looked at.
-    pictures: of each object its images, with the LOD for which each is scaled.
     rest: bytes of the file that are no meshes.
     """
 
@@ -277,7 +273,6 @@ class _Builds:
     characters: Sequence[tuple]
     owner: np.ndarray
     frames: float
-    pictures: Mapping
     rest: float
 
     def with_the_rest(self, work: Work, is_held: np.ndarray | None) -> Work:
@@ -287,17 +282,19 @@ class _Builds:
             objects are not made, and count with the images of all.
         """
         if is_held is None:
-            images = {(image, 0) for of_object in self.pictures.values() for image, _ in of_object}
+            objects = self.settings.levels.all_objects
         else:
             objects = _objects_held(self.characters, self.settings, is_held, self.owner)
-            images = {image for item in objects for image in self.pictures[item]}
+        images = images_of(objects)
+        cached = {image for image in images if uses_cache(self.scene, image)}
+        in_full = images - cached
         points = work.points * self.frames
         return replace(
             work,
             points=points,
             moving_points=points * self.scene.render.use_motion_blur,
-            images=bytes_of(images),
-            image_count=float(len(images)),
+            images=image_bytes(in_full) + CACHED * image_bytes(cached),
+            image_count=float(len(in_full)),
             rest=self.rest,
         )
 

@@ -5,7 +5,7 @@ share. Where no rig can show the group, there are the LOD's meshes in even poses
 """
 
 from collections.abc import Callable, Container, Generator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import bpy
 import numpy as np
@@ -28,7 +28,6 @@ from ..scene.scene_crowd import characters_of, home_of, policy_of, trajectory_of
 from ..scene.shot_reference import planned_cast
 from . import rigs
 from .group_models import GroupModels, read_library
-from .scaled_textures import scale_textures
 
 # Of each LOD, the numbers of the characters that it gets (see Library).
 Selection = Sequence[Container[int]]
@@ -47,8 +46,6 @@ class Cast:
     rigs: the armature objects that move the characters.
     names: each new block's final name, given once the blocks of an earlier build are gone.
     notes: sentences on what the characters do not show as it is.
-    stands_for: object -> the LOD's object that it shows.
-    images: where images are scaled, bytes of the characters' images (unscaled, as they are).
     unplanned: sentences on baked frames that do not follow the shot plan.
     """
 
@@ -57,8 +54,6 @@ class Cast:
     rigs: list[bpy.types.Object] = field(default_factory=list)
     names: dict[bpy.types.ID, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
-    stands_for: dict[bpy.types.Object, bpy.types.Object] = field(default_factory=dict)
-    images: tuple[int, int] | None = None
     unplanned: str = ""
 
 
@@ -98,12 +93,11 @@ def make_cast(
 
     Yields the progress, 0 to 1, and returns the Cast. Closed early, it leaves nothing behind.
     """
-    settings = scene.crowd_lod
     if library is None:
         library = yield from share(read_library(scene), 0.0, 0.5)
     cast = Cast(
         library.posed,
-        [[] for _ in range(policy_of(settings).count)],
+        [[] for _ in range(policy_of(scene.crowd_lod).count)],
         notes=library.notes,
     )
     cast.names.update(library.blocks)
@@ -117,10 +111,6 @@ def make_cast(
                 for level, selected in enumerate(selection)
             ]
         yield from share(_fill_collections(scene, library, shelves, cast), 0.5, 1.0)
-        if settings.scale_textures:
-            scaling = scale_textures(scene, settings, cast.stands_for, cast.names)
-            *images, sentence = yield from scaling
-            cast = replace(cast, images=tuple(images), notes=[*library.notes, *sentence])
     idle = [block for block in library.blocks if not block.users]  # of groups that nobody shows
     for block in idle:
         del cast.names[block]
@@ -259,7 +249,6 @@ def _rig(
     def moved(home: bpy.types.Collection) -> list[bpy.types.Object]:
         copies = [rigs.dress(item, model, group.rig_of[key]) for item in home.objects]
         for copy, item in zip(copies, home.objects, strict=True):
-            cast.stands_for[copy] = item
             cast.names[copy] = f"{item.name} {number:05d}"
         return copies
 
@@ -329,7 +318,6 @@ def _still(
     matrix = Matrix.Translation(-home.instance_offset) @ evaluated.matrix_world
     still = item.copy() if mesh is None or item.type == "MESH" else mesh_data.mesh_like(item, mesh)
     cast.names[still] = f"{item.name} {number:05d}"
-    cast.stands_for[still] = item
     still.animation_data_clear()
     still.constraints.clear()
     still.parent = None

@@ -24,6 +24,7 @@ from ..lod_meshes.make_lods import TINTS
 from ..scene.scene_crowd import home_of, policy_of, trajectory_of
 from . import played_by
 from .change_detection import made_of, shown_by
+from .character_images import IMAGE_BYTES, describe_images, image_bytes, images_of
 from .hidden_characters import unhide_characters
 from .nodes import baked, instances, trees
 from .phase_characters import Cast, Selection, make_cast, meshes_of_plan
@@ -173,11 +174,11 @@ def _current_cast(scene: bpy.types.Scene, inputs: dict[str, str]) -> Cast | None
     """Return the Cast of the scene's build, without characters, or None if it is out of date.
 
     inputs: see _inputs_of_characters.
-    Posed meshes and scaled images are always made anew.
+    Posed meshes are always made anew.
     """
     settings = scene.crowd_lod
     top = settings.build
-    if top is None or settings.scale_textures or scene_data.is_shared(scene, "build"):
+    if top is None or scene_data.is_shared(scene, "build"):
         return None
     if MADE_OF not in top or np.any(np.ravel(top.get(POSED, 1))):
         return None
@@ -204,7 +205,7 @@ def _inputs_of_characters(
     return {
         "the LOD meshes": levels,
         "the shot plan": "" if of_plan is None else provenance.text_digest(of_plan.tolist()),
-        "the settings": provenance.text_digest(policy.finest, settings.scale_textures),
+        "the settings": provenance.text_digest(policy.finest),
     }
 
 
@@ -220,6 +221,7 @@ def install(scene: bpy.types.Scene, cast: Cast) -> bpy.types.Collection:
     _describe(scene, top, cast)
     if cast.collections:
         fill_shelves(scene, top, cast)
+    top[IMAGE_BYTES] = float(image_bytes(images_of(top.all_objects)))
     _fit_points(scene, top)
     dress_all(scene)
     return top
@@ -259,7 +261,12 @@ def notes_on_cast(scene: bpy.types.Scene, cast: Cast) -> str:
 
     Also on edited characters, and on LODs that deviate to fit in Memory for Characters.
     """
-    sentences = [to_make_again(scene), *cast.notes, *_told_of_memory(scene.crowd_lod)]
+    sentences = [
+        to_make_again(scene),
+        *cast.notes,
+        describe_images(scene),
+        *_told_of_memory(scene.crowd_lod),
+    ]
     slides = trajectory_of(scene).gaits.paces.off
     if slides:
         sentences.append(

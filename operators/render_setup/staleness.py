@@ -31,7 +31,6 @@ SETTINGS = (
     "shadows",
     "occlusion",
     "tilt",
-    "scale_textures",
 )
 
 

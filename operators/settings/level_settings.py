@@ -220,11 +220,6 @@ class LevelSettings:
         max=MOST_LEVELS,
         description="LODs of each character, itself as LOD 0 included",
     )
-    scale_textures: BoolProperty(
-        name="Scale Textures",
-        description="Build and Bake show far LODs with images scaled down to what can be seen of "
-        "them where each begins",
-    )
     ratios: FloatVectorProperty(
         update=outdate,
         name="Ratio",

@@ -33,7 +33,6 @@ from ...crowd_lod.shot.switches import noticed
 from ...crowd_lod.shot.unneeded import needed_meshes, seen_characters
 from ...crowd_lod.shot.verdict import verdict_of
 from ..blender import cameras, scene_data
-from ..blender.machine_costs import costs_of
 from ..blender.operator import Reporting, Stepwise
 from ..blender.output_folders import full_path, output_path, place_of
 from ..characters import cast_provenance
@@ -163,7 +162,7 @@ def _shot_of(scene: bpy.types.Scene, survey: Survey) -> Generator[float, None, S
     return Shot(
         survey,
         meshes_of(measured_groups(scene), policy_of(scene.crowd_lod).count),
-        costs_of(scene),
+        scene_data.costs_of(scene),
         cast.baked(survey.numbers, trajectory, library, is_used),
         cast.moved_as,
     )

@@ -337,7 +337,6 @@ class CROWDLOD_PT_decimation(Step, bpy.types.Panel):
 
     def body(self, context, layout, settings) -> None:
         active_column(layout, settings.choice == "BY_TOLERANCE").prop(settings, "shading_counts")
-        layout.prop(settings, "scale_textures")
         layout.prop(settings, "bias_image")
 
 

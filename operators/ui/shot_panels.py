@@ -3,13 +3,13 @@
 import bpy
 
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.format import counted
+from ...crowd_lod.format import byte_size, counted
 from ...crowd_lod.shot.budget_points import budget_sentence, fitting_point
-from ..blender.machine_costs import calibration_of
 from ..hand_over.lacks import Lack, lacks_of
 from ..hand_over.sizes import sizes_of
 from ..overlay import viewport_overlay
 from ..render_setup import staleness
+from ..render_setup.character_images import IMAGE_BYTES, can_use_cache
 from ..render_setup.render_setup import BAKED, baked_of
 from ..render_setup.view_layers import layers_of
 from ..runs.update_all import due_steps
@@ -194,6 +194,11 @@ class CROWDLOD_PT_build(Step, bpy.types.Panel):
             f"Changed: {', '.join(changed)}" if changed else _built(settings.build),
             "FILE_REFRESH" if changed else "INFO",
         )
+        if settings.build is not None and (size := settings.build.get(IMAGE_BYTES)):
+            row = layout.row(align=True)
+            label(row, f"Images: {byte_size(size)} in full", "IMAGE_DATA")
+            if can_use_cache(context.scene):
+                row.operator("crowd_lod.use_texture_cache")
 
 
 class CROWDLOD_PT_build_advanced(Step, bpy.types.Panel):
@@ -234,17 +239,6 @@ class CROWDLOD_PT_cost(Step, bpy.types.Panel):
                 label(row, text)
         if not settings.estimate:
             label(column, "Not estimated")
-        row = layout.row(align=True)
-        button(row, "crowd_lod.calibrate", icon="PREVIEW_RANGE")
-        label(layout, *_calibrated(context.scene))
-
-
-def _calibrated(scene: bpy.types.Scene) -> tuple[str, str]:
-    """Return (what the estimates of time rest on, its icon)."""
-    calibration = calibration_of(scene)
-    if calibration is None:
-        return "Not calibrated here", "INFO"
-    return f"Calibrated: {calibration.age}", "CHECKMARK"
 
 
 class CROWDLOD_PT_view_layers(Step, bpy.types.Panel):

@@ -140,7 +140,6 @@ OPERATORS = [
 ALWAYS = {
     "add_area",
     "add_exception",
-    "calibrate",
     "help",
     "machine_import",
     "machine_preset",

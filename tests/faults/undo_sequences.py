@@ -18,7 +18,6 @@ from support.coarse_characters import coarsen  # noqa: E402
 
 STEPS = 9
 IN_A_WINDOW = "inspect", "render_viewport"
-CHANGES_NO_FILE = ("calibrate",)  # a minute of renders
 WEIGHTS = {"build": 6, "bake": 4, "make_levels": 3, "remove_build": 2}
 KINDS = (
     "actions armatures cameras collections lights materials meshes node_groups objects scenes texts"
@@ -51,9 +50,7 @@ def sequence(seed: int, hands):
     """Take STEPS random steps; yields where the `hands` have to wait."""
     chance = random.Random(seed)
     states = defaultdict(list)
-    names = [
-        name for name in sorted(dir(bpy.ops.crowd_lod)) if name not in IN_A_WINDOW + CHANGES_NO_FILE
-    ]
+    names = [name for name in sorted(dir(bpy.ops.crowd_lod)) if name not in IN_A_WINDOW]
     bpy.data.worlds.new(MARK).use_fake_user = True
     print(f"sequence {seed}:", end=" ", flush=True)
     for step in range(STEPS):
@@ -115,7 +112,7 @@ def change(chance: random.Random) -> None:
     """Another setting, now and then."""
     settings = bpy.context.scene.crowd_lod
     quicken(bpy.context.scene)
-    which = chance.randrange(6)
+    which = chance.randrange(5)
     if which == 0:
         settings.level_count = chance.randint(1, 4)
     elif which == 1:
@@ -124,8 +121,6 @@ def change(chance: random.Random) -> None:
         settings.choice = chance.choice(("BY_RATIO", "BY_TOLERANCE"))
     elif which == 3:
         bpy.context.scene.render.use_motion_blur = chance.random() < 0.5
-    elif which == 4:
-        settings.scale_textures = not settings.scale_textures
 
 
 def use(chance: random.Random) -> None:
@@ -187,7 +182,6 @@ def saved(folder: str) -> str:
         )
     quicken(scene, folder)
     settings = scene.crowd_lod
-    settings.scale_textures = True
     settings.count = 100
     bpy.ops.crowd_lod.populate()
     path = f"{folder}/crowd.blend"

@@ -1,20 +1,15 @@
-"""The costs of a machine, fitted to what renders on it took.
+"""Costs, fitted to what renders took.
 
 Non-negative least squares of relative errors (Lawson and Hanson, Solving Least Squares Problems,
 1974, chapter 23).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import CrowdError
-from .cost_model import NAMES, SECONDS, Work
-
 LEAST = 0.05  # of the largest value: a smaller one's error counts as a part of this
-RENDERS = 2  # for each coefficient, at least
-MOST_OFF = 0.5  # root mean square of the relative errors of a fit that is taken
 
 
 @dataclass(frozen=True)
@@ -69,34 +64,3 @@ def fit_costs(counts: Mapping[str, np.ndarray], values: np.ndarray) -> Fit:
     weight = 1 / np.maximum(values, LEAST * values.max())
     costs = solve_non_negative(table * weight[:, None], values * weight)
     return Fit(dict(zip(counts, costs.tolist(), strict=True)), (table @ costs - values) * weight)
-
-
-def fit_seconds(engine: str, works: Sequence[Work], seconds: np.ndarray) -> Fit:
-    """Fit the seconds of `engine` for one of each count of SECONDS[engine].
-
-    A count that no render has keeps the developers' seconds.
-    works: n renders, of numbers.
-    seconds: (n,) float64, what each render takes beyond the scene without a crowd.
-    CrowdError if the renders are too few, or do not follow from the counts.
-    """
-    counts = {
-        name: np.array([getattr(work, name) for work in works], np.float64)
-        for name in SECONDS[engine]
-    }
-    fitted = {name: column for name, column in counts.items() if column.any()}
-    needed = RENDERS * len(fitted)
-    usable = int((seconds > 0).sum())
-    if usable < needed or not fitted:
-        raise CrowdError(
-            f"Only {usable} of {len(seconds)} renders took longer with a crowd than without, and "
-            f"the costs of {NAMES[engine]} need {max(needed, 1)}: calibrate again with fewer "
-            f"samples, when nothing else is at work on this machine."
-        )
-    fit = fit_costs(fitted, seconds)
-    if fit.off > MOST_OFF:
-        raise CrowdError(
-            f"The times of the renders differ by {fit.off:.0%} from what their triangles and "
-            f"agents explain, and may by {MOST_OFF:.0%}: calibrate again when nothing else is at "
-            f"work on this machine."
-        )
-    return Fit(SECONDS[engine] | fit.costs, fit.errors)

@@ -1,0 +1,94 @@
+"""The memory that the characters' images take in renders, and Blender's texture cache."""
+
+from collections.abc import Iterable
+from glob import escape
+from pathlib import Path
+
+import bpy
+
+from ...crowd_lod.format import byte_size
+from ..blender.image_nodes import image_nodes
+from ..blender.operator import Reporting
+
+CACHE = "blender_tx"  # the folder beside an image that has its cache, unless the user chose another
+IMAGE_BYTES = "crowd_lod_image_bytes"  # custom property of the build's collection: see image_bytes
+
+
+def images_of(items: Iterable[bpy.types.Object]) -> set[bpy.types.Image]:
+    """Return the images in the materials of the objects `items`."""
+    materials = {slot.material for item in items for slot in item.material_slots} - {None}
+    trees = (material.node_tree for material in materials)
+    return {node.image for tree in trees for node, _ in image_nodes(tree)}
+
+
+def image_bytes(images: Iterable[bpy.types.Image]) -> int:
+    """Return the memory of `images` in Cycles without the texture cache.
+
+    Bytes: width x height x 4, or x 16 for float images (Cycles may keep 8 for those that files hold
+    in 16 bits).
+    """
+    total = 0
+    for image in images:
+        sizes = [tile.size for tile in image.tiles] if image.source == "TILED" else [image.size]
+        total += sum(width * height for width, height in sizes) * (16 if image.is_float else 4)
+    return total
+
+
+def uses_cache(scene: bpy.types.Scene, image: bpy.types.Image) -> bool:
+    """Return whether renders of `scene` load `image` from the texture cache.
+
+    It then is there, or Blender makes it. Blender 4.5 has none.
+    """
+    render = scene.render
+    is_on = render.engine == "CYCLES" and getattr(render, "use_texture_cache", False)
+    if not is_on or image.packed_file or image.source not in ("FILE", "TILED"):
+        return False
+    path = Path(bpy.path.abspath(image.filepath, library=image.library))
+    if render.use_auto_generate_texture_cache:
+        return bool(image.filepath)
+    folder = path.parent / (bpy.context.preferences.filepaths.texture_cache_directory or CACHE)
+    name = escape(path.name).replace("<UDIM>", "*")
+    return any(folder.glob(f"{name}.*.tx"))
+
+
+def can_use_cache(scene: bpy.types.Scene) -> bool:
+    """Return whether Use Texture Cache would change how Cycles renders `scene`."""
+    render = scene.render
+    return (
+        render.engine == "CYCLES"
+        and hasattr(render, "use_texture_cache")
+        and not (render.use_texture_cache and render.use_auto_generate_texture_cache)
+    )
+
+
+def describe_images(scene: bpy.types.Scene) -> str:
+    """Return a sentence on the memory of the images in the build of `scene`; "" without images."""
+    size = scene.crowd_lod.build.get(IMAGE_BYTES)
+    if not size:
+        return ""
+    remedy = " Use Texture Cache lets Cycles load only what pixels show of them."
+    return (
+        f"The characters' images take {byte_size(size)} in full."
+        f"{remedy if can_use_cache(scene) else ''}"
+    )
+
+
+def _lacks_no_cache(scene: bpy.types.Scene) -> str:
+    """Return why Use Texture Cache would change nothing; "" if it would."""
+    return "" if can_use_cache(scene) else "Nothing to switch on: it is for Cycles of Blender 5.2"
+
+
+class CROWDLOD_OT_use_texture_cache(Reporting, bpy.types.Operator):
+    """Let Cycles load images at the size that pixels need, from files that it makes beside them"""
+
+    bl_idname = "crowd_lod.use_texture_cache"
+    bl_label = "Use Texture Cache"
+    needs = (_lacks_no_cache,)
+
+    def run(self, context) -> str:
+        render = context.scene.render
+        render.use_texture_cache = render.use_auto_generate_texture_cache = True
+        return "Cycles makes a texture cache of images from files, and loads what pixels need."
+
+
+CLASSES = (CROWDLOD_OT_use_texture_cache,)

@@ -1,0 +1,146 @@
+"""What the characters' images take in renders, and Blender's texture cache."""
+
+import bpy
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.levels.cost_model import MEMORY
+from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.operators.blender import scene_data
+from crowd_lod_extension.operators.characters.group_measuring import measure_groups
+from crowd_lod_extension.operators.characters.stored_groups import store_groups
+from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from crowd_lod_extension.operators.render_setup.buttons import bake_frames, build_live
+from crowd_lod_extension.operators.render_setup.character_images import IMAGE_BYTES
+from crowd_lod_extension.operators.render_setup.cost_estimate import CACHED, estimate
+
+from ..support.characters import character, new, painted, rig, skin, tube
+
+SIZE = 1024
+
+
+def picture(name, size=SIZE, **kind):
+    """A new image of broad waves and a fine checker, of bytes unless it is of another `kind`."""
+    image = bpy.data.images.new(name, size, size, **kind)
+    y, x = np.mgrid[:size, :size] / size
+    values = np.ones((size, size, 4), np.float32)
+    values[..., 0] = 0.5 + 0.3 * np.sin(40 * x)
+    values[..., 1] = 0.5 + 0.3 * np.sin(50 * y)
+    values[..., 2] = 0.4 + 0.2 * ((np.mgrid[:size, :size].sum(axis=0) // 4) % 2)
+    image.pixels.foreach_set(values.ravel())
+    image.update()
+    image.pack()
+    return image
+
+
+@pytest.fixture
+def crowd():
+    """A crowd of one character with an image, three LODs by distance, in front of a camera that
+    looks down a long field.
+    """
+    scene = bpy.context.scene
+    item = new("body", tube("body"))
+    item.data.materials.append(painted("skin", picture("cloth")))
+    skin(item, rig())
+    character(item)
+    scene.collection.children["People"].hide_render = True
+    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    scene.collection.objects.link(camera)
+    scene.camera = camera
+    camera.location = (0, -70, 4)
+    camera.rotation_euler = (1.52, 0, 0)
+    camera.data.clip_end = 200
+    light = bpy.data.objects.new("Sun", bpy.data.lights.new("Sun", "SUN"))
+    scene.collection.objects.link(light)
+    light.rotation_euler = (0.8, 0.2, 0)
+    light.data.energy = 3
+    render = scene.render
+    render.resolution_x = 320
+    render.resolution_y = 180
+    render.engine = "CYCLES"
+    scene.cycles.samples = 16
+    scene.view_settings.view_transform = "Standard"
+    scene.frame_end = 3
+    settings = scene.crowd_lod
+    settings.count = 60
+    settings.size = (20, 60)
+    settings.method = "DECIMATE"
+    settings.level_count = 3
+    settings.thresholds[:2] = (0.15, 0.4)
+    store_groups(settings, measure_groups(scene))
+    list(make_levels(scene))
+    return scene
+
+
+def test_images_are_in_what_builds_are_said_to_cost(crowd):
+    node = next(
+        node for node in bpy.data.materials["skin"].node_tree.nodes if node.type == "TEX_IMAGE"
+    )
+    image = node.image
+    node.image = None
+    bare = finished(estimate(crowd, crowd.crowd_lod)).prices
+    node.image = image
+    found = finished(estimate(crowd, crowd.crowd_lod))
+    for name, own in found.prices.items():
+        memory = MEMORY[found.costs.engine]
+        assert own.memory - bare[name].memory == pytest.approx(
+            memory["images"] * 4 * SIZE**2 + memory["image_count"]
+        )
+        assert own.seconds - bare[name].seconds == pytest.approx(
+            found.costs.seconds["images"] * 4 * SIZE**2
+        )
+
+
+def from_file(crowd, folder):
+    """Take the character's image from a file."""
+    image = bpy.data.images["cloth"]
+    image.filepath_raw = str(folder / "cloth.png")
+    image.file_format = "PNG"
+    image.save()
+    image.unpack(method="REMOVE")
+    image.reload()
+
+
+def image_memory(crowd):
+    """The (bytes, number) of images that a build is said to load in full, by ratio."""
+    work = finished(estimate(crowd, crowd.crowd_lod, [1])).works["By Ratio"]
+    return work.images, work.image_count
+
+
+def test_build_and_bake_say_what_images_take(crowd):
+    assert "The characters' images take 4.19 MB in full." in finished(build_live(crowd))
+    assert crowd.crowd_lod.build[IMAGE_BYTES] == 4 * SIZE**2
+    assert "The characters' images take 4.19 MB in full." in finished(bake_frames(crowd))
+    bpy.data.materials["skin"].node_tree.nodes.clear()
+    assert "images" not in finished(build_live(crowd))
+
+
+@pytest.mark.skipif(bpy.app.version < (5, 2, 0), reason="Blender 4.5 has no texture cache")
+def test_a_press_turns_the_texture_cache_on_and_the_estimate_heeds_it(crowd, tmp_path):
+    render = crowd.render
+    full = 4 * SIZE**2, 1
+    render.use_texture_cache = False
+    assert image_memory(crowd) == full
+    assert "Use Texture Cache" in finished(build_live(crowd))
+    assert bpy.ops.crowd_lod.use_texture_cache() == {"FINISHED"}
+    assert render.use_texture_cache and render.use_auto_generate_texture_cache
+    assert not bpy.ops.crowd_lod.use_texture_cache.poll()
+    assert "Use Texture Cache" not in finished(build_live(crowd))
+    assert image_memory(crowd) == full  # packed images have no cache
+    from_file(crowd, tmp_path)
+    assert image_memory(crowd) == (pytest.approx(CACHED * full[0]), 0)
+    render.use_auto_generate_texture_cache = False
+    assert image_memory(crowd) == full
+    render.use_auto_generate_texture_cache = True
+    crowd.cycles.samples = 1
+    bpy.ops.render.render()
+    render.use_auto_generate_texture_cache = False
+    assert image_memory(crowd) == (pytest.approx(CACHED * full[0]), 0)
+    render.engine = scene_data.EEVEE
+    assert not bpy.ops.crowd_lod.use_texture_cache.poll()
+    assert image_memory(crowd) == full
+
+
+@pytest.mark.skipif(bpy.app.version >= (5, 2, 0), reason="Blender 5.2 has a texture cache")
+def test_nothing_is_offered_without_a_texture_cache(crowd):
+    assert not bpy.ops.crowd_lod.use_texture_cache.poll()
+    assert "Use Texture Cache" not in finished(build_live(crowd))
