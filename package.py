@@ -27,7 +27,6 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.reporting import interrupt
 from crowd_lod_extension.crowd_lod.reporting.files import staged
 from crowd_lod_extension.crowd_lod.reporting.html_report import STYLE, document
-from crowd_lod_extension.crowd_lod.reporting.temporary_folder import own_temporary_folder
 from markdown import Markdown
 
 ROOT = Path(__file__).resolve().parent
@@ -201,8 +200,7 @@ def run(failure: str, *command: str) -> None:
 
 if __name__ == "__main__":
     try:
-        with own_temporary_folder():  # of pip and Blender's tool
-            main()
+        main()
     except OSError as error:
         sys.exit(
             f"crowd-lod package: {error.strerror}"
@@ -210,6 +208,5 @@ if __name__ == "__main__":
         )
     except (Failure, CrowdError) as failure:
         sys.exit(f"crowd-lod package: {failure}")
-    except KeyboardInterrupt:  # it ends the tool that runs, too, unlike interrupt.heed
-        print("crowd-lod: stopped; nothing on disk was changed.", file=sys.stderr)
-        sys.exit(interrupt.STOPPED)
+    except KeyboardInterrupt:
+        sys.exit(interrupt.stopped())

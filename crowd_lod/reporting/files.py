@@ -6,7 +6,6 @@ leaves some files new and the others old; each is whole. The hidden folder also 
 LOCK: a file with the machine's name, locked by the run that owns the folder. The system releases
     the lock when the process dies. The next run into the same place removes every hidden folder
     that it can lock. On a file system without locks, hidden folders of killed runs stay.
-REPLACED: a folder of the old files while new ones take their places, in case a rename fails.
 KEY: a file that identifies the run. A later run with the same key takes over the folder with its
     whole frames (frame_parts.py).
 """
@@ -20,20 +19,18 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from functools import partial
 from io import FileIO
 from pathlib import Path
 
 from ..errors import CrowdError
 from ..format import printable
-from . import file_checks, interrupt
+from . import file_checks
 from .frame_parts import RECORDS, whole_frames
 
 HIDDEN = ".crowd-lod-"
 LOCK = ".lock"
-REPLACED = ".replaced"
 KEY = ".key"
-OWN = LOCK, REPLACED, KEY, RECORDS
+OWN = LOCK, KEY, RECORDS
 MOST_BYTES = 740  # of a folder's path: Blender cuts a file's path, which is longer, at 1,023
 KINDS = {
     "folder": stat.S_ISDIR,
@@ -65,7 +62,7 @@ def staged(folder: Path, *names: str, key: str = "") -> Iterator[Path]:
             new_folders = [
                 parent for parent in (place, *place.parents) if not os.path.lexists(parent)
             ]
-            stack.enter_context(interrupt.unfinished(partial(_remove_empty, new_folders)))
+            stack.callback(_remove_empty, new_folders)
             place.mkdir(parents=True, exist_ok=True)
             hidden = _hidden_folder(place, stack, key)
             for name in names:
@@ -168,9 +165,8 @@ def _hidden_folder(place: Path, stack: ExitStack, key: str) -> Path:
     """
     with _turn(place):
         same_run = _clean(place, key)
-        with interrupt.hold():
-            hidden = same_run or Path(tempfile.mkdtemp(prefix=HIDDEN, dir=place))
-            stack.enter_context(interrupt.unfinished(partial(remove_hidden, hidden)))
+        hidden = same_run or Path(tempfile.mkdtemp(prefix=HIDDEN, dir=place))
+        stack.callback(remove_hidden, hidden)
         lock = stack.enter_context((hidden / LOCK).open("a+b", buffering=0))
         _hold(lock)
         lock.truncate(0)
@@ -199,7 +195,7 @@ def killed_runs(folder: Path, key: str) -> tuple[int, int]:
 
 
 def _put_in_place(hidden: Path, place: Path) -> None:
-    """Move the hidden folder's files into `place`: all, or after an error none."""
+    """Move the hidden folder's files into `place`, once all of them are whole."""
     parts = sorted(part for part in hidden.iterdir() if part.name not in OWN)
     for part in parts:
         file_checks.check(part)
@@ -207,39 +203,8 @@ def _put_in_place(hidden: Path, place: Path) -> None:
     with _turn(place):
         for part in parts:
             _refuse_all_but("file", place / part.name)
-        with interrupt.hold():
-            _move(parts, hidden, place)
-            interrupt.too_late(f"the output in {printable(place)} is complete")
-
-
-def _move(parts: list[Path], hidden: Path, place: Path) -> None:
-    """Move the files `parts` into `place`; after an error none of them is there."""
-    replaced = hidden / REPLACED
-    replaced.mkdir()
-    try:
         for part in parts:
-            path = place / part.name
-            if os.path.lexists(path) and part != parts[-1]:  # after the last nothing can fail
-                _keep(path, replaced / part.name)
-            os.replace(part, path)
-    except BaseException:
-        for part in parts:
-            old = replaced / part.name
-            if part.exists():  # it had not been moved
-                continue
-            if os.path.lexists(old):
-                old.replace(place / part.name)
-            else:
-                (place / part.name).unlink()
-        raise
-
-
-def _keep(path: Path, copy: Path) -> None:
-    """Keep the file, which stays where it is, at `copy` too."""
-    try:
-        os.link(path, copy)
-    except OSError:  # a disk without hard links
-        shutil.copy2(path, copy, follow_symlinks=False)
+            part.replace(place / part.name)
 
 
 def _clean(place: Path, key: str) -> Path | None:
@@ -253,7 +218,6 @@ def _clean(place: Path, key: str) -> Path | None:
             with (hidden / LOCK).open("a+b", buffering=0) as lock:
                 killed = _left(lock)
             if killed and same_run is None and _has_key(hidden, key):
-                shutil.rmtree(hidden / REPLACED, ignore_errors=True)
                 same_run = hidden
             elif killed:
                 remove_hidden(hidden)
@@ -277,7 +241,7 @@ def _has_key(hidden: Path, key: str) -> bool:
 
 def remove_hidden(hidden: Path) -> None:
     """Remove the hidden folder and its part files."""
-    # renamed first, so that a thread that still writes cannot add files while it is emptied
+    # renamed first, so that a process that still writes cannot add files while it is emptied
     renamed = hidden.with_name(f"{hidden.name}-gone")
     with suppress(OSError):
         hidden.rename(renamed)

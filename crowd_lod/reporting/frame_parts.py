@@ -17,7 +17,6 @@ from typing import Any
 from . import file_checks
 
 RECORDS = ".frames"  # the folder of the records, beside the pictures
-CLAIM = ".claim"  # suffix of the file by which a process claims a frame
 
 
 @dataclass(frozen=True)
@@ -59,22 +58,6 @@ class FrameParts:
         file_checks.sync(part)
         part.replace(record)
         return json.loads(text)["facts"]
-
-    def claim(self, number: int) -> bool:
-        """Claim the frame `number` for this process; return False if it is claimed already."""
-        record = self._record(number)
-        record.parent.mkdir(exist_ok=True)
-        try:
-            os.close(os.open(record.with_suffix(CLAIM), os.O_CREAT | os.O_EXCL))
-        except FileExistsError:
-            return False
-        record.unlink(missing_ok=True)  # of another state
-        return True
-
-    def release(self) -> None:
-        """Give up the claims of all processes."""
-        for claim in (self.folder / RECORDS).glob(f"*{CLAIM}"):
-            claim.unlink(missing_ok=True)
 
     def _record(self, number: int) -> Path:
         return self.folder / RECORDS / f"{number:04d}.json"

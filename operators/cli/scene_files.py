@@ -80,8 +80,12 @@ def save(part: Path, path: Path, compress: bool = False) -> None:
 
 
 def finish(steps: Generator[float, None, Made], title: str, quiet: bool) -> Made:
-    """Run a progress generator with a bar on stderr, and return its result."""
+    """Run a progress generator with a bar on stderr, and return its result.
+
+    Ctrl-C ends it between two steps.
+    """
     with contextlib.ExitStack() as stack:
+        check = stack.enter_context(interrupt.held())
         stack.callback(steps.close)
         bar = None
         if not quiet:
@@ -91,12 +95,11 @@ def finish(steps: Generator[float, None, Made], title: str, quiet: bool) -> Made
                 # tqdm's own lock is shared by processes, and Python would warn that it is leaked
                 tqdm.set_lock(threading.RLock())
                 template = "{desc} {percentage:3.0f}%|{bar}| {elapsed}{postfix}"
-                stack.callback(setattr, interrupt, "line", interrupt.line)
-                interrupt.line = "\n"  # set before the bar is drawn for the first time
                 bar = stack.enter_context(tqdm(total=100, desc=title, bar_format=template))
         time_left = TimeLeft()
         begun = time.monotonic()
         while True:
+            check()
             try:
                 progress = next(steps)
             except StopIteration as end:

@@ -3,6 +3,7 @@
 The pictures look as in a viewport, show what renders show, and need no window.
 """
 
+import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -14,7 +15,6 @@ import numpy as np
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.reporting.png_file import save_png
-from ...crowd_lod.reporting.quiet_process import quiet_process
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import console
 from ..blender.color_space import to_linear
@@ -285,9 +285,8 @@ def need_gpu() -> None:
     code = "import bpy, gpu; gpu.init()"
     blender = [bpy.app.binary_path, "--background", "--factory-startup", "--python-expr"]
     command = [*(blender if bpy.app.binary_path else [sys.executable, "-c"]), code]
-    with quiet_process(command) as trial:
-        failed = trial.wait()
-    if failed:
+    nowhere = subprocess.DEVNULL
+    if subprocess.call(command, stdin=nowhere, stdout=nowhere, stderr=nowhere):
         raise CrowdError(
             "The engine overlay needs OpenGL or Vulkan, and no driver for either starts here: "
             "install one (Mesa works without "

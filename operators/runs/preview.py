@@ -146,7 +146,7 @@ def _picture(
     parts = FrameParts(run.folder, state_of(stage, run.on.task))
     lods = []
     legends = []
-    with sharing.helped(parts, frames) as helpers:
+    with sharing.helped(run.folder, frames) as helpers:
         if sharing.part is None:  # while other processes make frames
             first = yield from standing(run.at_first(), ready)
             groups = first.trajectory.groups

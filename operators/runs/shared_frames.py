@@ -20,13 +20,12 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import printable
 from ...crowd_lod.frame.frame_range import frames_are
 from ...crowd_lod.progress import share
-from ...crowd_lod.reporting import files, frame_parts, interrupt
+from ...crowd_lod.reporting import files, frame_parts
 from ...crowd_lod.reporting.frame_parts import FrameParts
-from ...crowd_lod.reporting.quiet_process import quiet_process
 from ..blender import console
 from ..scene.scene_crowd import policy_of, trajectory_of
 
-LOOK = 0.2  # seconds between two looks for frames that other processes made
+LOOK = 0.2  # seconds between two looks whether other processes have ended
 OPENED = "prepared.blend"  # in the folder of the records: what other processes open
 PREPARED = 0.02  # of the progress
 Steps = Generator[float, None, Any]
@@ -60,8 +59,6 @@ class Sharing:
         with ExitStack() as stack:
             if self.part is not None and self.into is not None:
                 self.into.mkdir(parents=True, exist_ok=True)
-                stack.callback(setattr, interrupt, "left", interrupt.left)
-                interrupt.left = f"the frames that were finished are in {printable(self.into)}"
                 yield self.into
                 return
             hidden = stack.enter_context(files.staged(folder, key=self.key))
@@ -69,11 +66,6 @@ class Sharing:
                 frame_parts.take(self.into, hidden)
             frame_parts.keep_whole(hidden)
             yield hidden
-
-    @property
-    def claims(self) -> bool:
-        """Return whether other processes of this run make frames meanwhile."""
-        return self.jobs > 1 or self.parent > 0
 
     def check_parent(self) -> None:
         """Raise CrowdError if the run that this process belongs to was ended."""
@@ -90,20 +82,23 @@ class Sharing:
                 )
 
     @contextmanager
-    def helped(self, parts: FrameParts, frames: Sequence[int]) -> Iterator[list[subprocess.Popen]]:
-        """Yield processes that make those of the `frames` that are not whole, until the block ends.
+    def helped(self, folder: Path, frames: Sequence[int]) -> Iterator[list[subprocess.Popen]]:
+        """Yield processes that each make a share of the `frames`; the first share is the caller's.
 
-        The block itself may do what it likes meanwhile, and calls `made` with them. There are none
-        unless the run has jobs for them.
+        They are ended with the block, which calls `make_frames` with them.
+
+        folder: of the run.
         """
+        helpers: list[subprocess.Popen] = []
+        nowhere = subprocess.DEVNULL
         with ExitStack() as stack:
-            helpers: list[subprocess.Popen] = []
-            if self.jobs > 1:
-                parts.release()
-                missing = [number for number in frames if parts.get(number) is None]
-                words = self.worker(parts.folder / frame_parts.RECORDS / OPENED, missing)
-                for _ in range(min(self.jobs, len(missing)) - 1):
-                    helpers.append(stack.enter_context(quiet_process(words)))
+            count = min(self.jobs, len(frames))
+            for k in range(1, count):
+                words = self.worker(folder / frame_parts.RECORDS / OPENED, frames[k::count])
+                helper = subprocess.Popen(words, stdin=nowhere, stdout=nowhere, stderr=nowhere)
+                stack.callback(helper.wait)
+                stack.callback(helper.kill)
+                helpers.append(helper)
             yield helpers
 
 
@@ -137,7 +132,7 @@ def make_frames(
 
     prepare: called once before the first frame that this process makes.
     make: (number) -> steps that return (told, pictures) of a frame; see FrameParts.store.
-    helpers: processes that make some of the frames; a frame that they fail to make is made here.
+    helpers: processes that each make a share; a frame that they fail to make is made here.
     CrowdError if frames are to be taken alone and some are missing.
     """
     numbers = frames if sharing.part is None else sharing.part
@@ -150,37 +145,25 @@ def make_frames(
             "--part, then assemble again."
         )
     prepared = False
-    while missing:
-        for number in missing:
-            sharing.check_parent()
-            if sharing.claims and not parts.claim(number):
+    own = numbers[:: 1 + len(helpers)]
+    for turn in own, numbers:
+        for k, number in enumerate(turn):
+            facts[number] = facts[number] or parts.get(number)
+            if facts[number] is not None:
                 continue
+            sharing.check_parent()
             if not prepared:
                 yield from share(prepare(), 0.0, PREPARED)
                 prepared = True
-            done = len(numbers) - len(missing) + len(_whole(parts, missing))
-            steps = (PREPARED + (1 - PREPARED) * (done + k) / len(numbers) for k in range(2))
+            steps = (PREPARED + (1 - PREPARED) * (k + end) / len(turn) for end in range(2))
             new_facts, pictures = yield from share(make(number), *steps)
             # the folder may be another run's by now, and the plan that the frame follows gone
             sharing.check_parent()
             facts[number] = parts.store(number, new_facts, pictures)
-        if sharing.parent:  # the rest is made by others
-            break
-        while len(_whole(parts, missing)) < len(missing) and any(
-            helper.poll() is None for helper in helpers
-        ):
+        while any(helper.poll() is None for helper in helpers):
             clock.sleep(LOOK)
-            yield PREPARED + (1 - PREPARED) * (
-                1 - (len(missing) - len(_whole(parts, missing))) / len(numbers)
-            )
-        facts |= {number: parts.get(number) for number in missing if facts[number] is None}
-        missing = [number for number in missing if facts[number] is None]
-        parts.release()
+            yield 1.0
     return [frame_facts for frame_facts in facts.values() if frame_facts is not None]
-
-
-def _whole(parts: FrameParts, numbers: Sequence[int]) -> set[int]:
-    return set(frame_parts.whole_frames(parts.folder)).intersection(numbers)
 
 
 def allowed(jobs: int) -> int:

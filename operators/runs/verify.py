@@ -160,7 +160,7 @@ def _prove_frames(run: Proof, sharing: Sharing) -> Generator[float, None, list[d
     """Prove the frames: yield the progress, return what is told of each (see FrameParts.store)."""
     frames = run.task.frames
     parts = FrameParts(run.folder, state_of(run.scene, run.task))
-    with sharing.helped(parts, frames) as helpers:
+    with sharing.helped(run.folder, frames) as helpers:
         making = make_frames(parts, frames, sharing, run.prepare, run.prove, helpers)
         return (yield from share(making, LODS_MADE, 0.95))
 

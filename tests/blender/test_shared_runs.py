@@ -5,7 +5,6 @@ import os
 
 import bpy
 import pytest
-from crowd_lod_extension.crowd_lod.reporting.frame_parts import FrameParts
 from crowd_lod_extension.operators.cli import commands, shared_runs
 from crowd_lod_extension.operators.runs import preview
 
@@ -62,25 +61,13 @@ def test_two_processes_make_the_files_of_one(file, tmp_path, monkeypatch):
     name, *options = PREVIEW
     assert run(name, file, *options, "--out", tmp_path / "one") == 0
     shoot = preview._Run.shoot
-    claim = FrameParts.claim
     made_here = []
-    monkeypatch.setattr(
-        FrameParts, "claim", lambda self, number: number == 20 and claim(self, number)
-    )
     monkeypatch.setattr(
         preview._Run, "shoot", lambda self, number: made_here.append(number) or shoot(self, number)
     )
     assert run(name, file, *options, "--jobs", 2, "--out", tmp_path / "two") == 0
-    assert made_here == [20]  # the others are the other process's
+    assert made_here == [1, 20]  # frame 9 is the other process's
     assert contents(tmp_path / "two") == contents(tmp_path / "one")
-
-
-def test_a_frame_is_made_by_one_process(tmp_path):
-    first = FrameParts(tmp_path, "state")
-    second = FrameParts(tmp_path, "state")
-    assert first.claim(7) and not second.claim(7) and second.claim(8)
-    first.release()
-    assert second.claim(7)
 
 
 def test_parts_that_do_not_belong_to_the_run_are_refused(file, tmp_path, capfd):

@@ -114,31 +114,6 @@ def test_a_folder_in_a_files_place_keeps_all_out(tmp_path):
 
 
 @posix
-def test_a_rename_that_fails_half_way_is_taken_back(tmp_path):
-    """A file mounted over another can be written, but not replaced: the system says that it is
-    busy.
-    """
-    for name in ("0", "1", "3"):
-        (tmp_path / name).write_text("old")
-    busy = tmp_path / "3"
-    before = content(tmp_path)
-    other = tmp_path.with_name(tmp_path.name + "_other")
-    other.write_text("old")
-    if subprocess.run(["mount", "--bind", other, busy], stderr=subprocess.DEVNULL).returncode:
-        pytest.skip("mounting a file needs root on Linux")
-    try:
-        with (
-            pytest.raises(CrowdError, match="Writing to .* failed"),
-            files.staged(tmp_path) as stage,
-        ):
-            for number in range(5):
-                (stage / str(number)).write_text("new")
-    finally:
-        subprocess.run(["umount", busy], check=True)
-    assert content(tmp_path) == before
-
-
-@posix
 @pytest.mark.parametrize("at", [0, 2, 4])
 def test_a_run_killed_between_two_renames_leaves_whole_files_and_the_next_run_clears(tmp_path, at):
     for name in ("0", "2"):

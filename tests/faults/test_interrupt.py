@@ -1,5 +1,4 @@
-"""Ctrl-C at any moment of any command: exit code 130, one line, and the disk as before, or all of
-the output.
+"""Ctrl-C in the middle of any command: exit code 130, one line, and the disk as before.
 
 CROWD_LOD_TRIALS=10 tries ten times as many moments of each command, and more commands.
 """
@@ -8,7 +7,6 @@ import os
 import random
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -22,7 +20,6 @@ pytestmark = [
 ]
 TRIALS = 2 * int(os.environ.get("CROWD_LOD_TRIALS", "1"))
 STARTED = 0.5  # seconds in which Python itself starts; it ends on the signal in its own words
-SOON = 3.0  # seconds, on a machine with much else to do; else it is a quarter of one
 COMMANDS = {
     "sample": "sample chapter --out out/x.blend",
     "preview": "preview {small} --frames 1,9 --width 64 --out out",
@@ -41,22 +38,6 @@ if TRIALS > 2:
         "job": "job {small} --out out",
         "package": "package --out out",
     }
-
-FILES = 300
-RENAMES = f"""
-import sys, time
-from pathlib import Path
-from crowd_lod_extension.crowd_lod.reporting import interrupt
-interrupt.heed()
-from crowd_lod_extension.crowd_lod.reporting.files import staged
-with interrupt.work(), staged(Path(sys.argv[1])) as stage:
-    for k in range({FILES}):
-        if k == {FILES} - 10:
-            print("now", flush=True)
-        (stage / f"{{k:04}}").write_text("new")
-print("done", flush=True)
-time.sleep(float(sys.argv[2]))
-"""
 
 
 def heeding() -> None:
@@ -95,11 +76,9 @@ class Trial:
                 process.wait(moment)
             except subprocess.TimeoutExpired:
                 (os.killpg if group else os.kill)(process.pid, signal.SIGINT)
-        sent = time.monotonic()
         self.out, self.err = process.communicate(timeout=300)
         self.code = process.returncode
         self.took = time.monotonic() - begun
-        self.ended = time.monotonic() - sent
         self.lines = [
             line
             for line in self.err.replace("\r", "\n").split("\n")
@@ -133,61 +112,18 @@ def test_ctrl_c(name, small, tmp_path):
     assert whole.code == 0 and whole.after != whole.before, whole.err
     assert not whole.left, whole.left
     chance = random.Random(name)
-    told = []
     for k in range(TRIALS):
         moment = STARTED + (whole.took - STARTED) * (k + chance.random()) / TRIALS
         trial = Trial(tmp_path / str(k), words, moment, group=k % 2 == 0)
         about = (
-            f"{name} at {moment:.2f} of {whole.took:.2f} s: {trial.code} after "
-            f"{trial.ended:.2f} s, {trial.lines}, {trial.err[-300:]!r}"
+            f"{name} at {moment:.2f} of {whole.took:.2f} s: {trial.code}, "
+            f"{trial.lines}, {trial.err[-300:]!r}"
         )
         print(about)
-        told.append(trial.ended)
-        assert "Traceback" not in trial.err and trial.ended < SOON, about
+        assert "Traceback" not in trial.err, about
         assert not trial.left, (about, trial.left)
         if trial.code == 130:
-            assert len(trial.lines) == 1 and trial.lines[0].startswith("crowd-lod: stopped"), about
-            assert trial.out == "", about
+            assert trial.lines == ["crowd-lod: stopped."] and trial.out == "", about
+            assert trial.after == trial.before or trial.complete(whole), about
         else:
-            assert trial.code == 0, about
-        if trial.code == 0 or "too late" in trial.lines[0]:
-            assert trial.complete(whole), about
-        else:
-            assert trial.after == trial.before, about
-    print(f"{name}: {TRIALS} moments, at most {max(told):.2f} s")
-
-
-def renaming(folder: Path, seconds: float, sleep: float) -> tuple[int, str]:
-    """(exit code, stderr) of a process that puts FILES in place over older ones and sleeps, sent
-    the signal `seconds` after it begins, or, where it sleeps, after it is done."""
-    folder.mkdir()
-    for k in range(FILES):
-        (folder / f"{k:04}").write_text("old")
-    command = [sys.executable, "-c", RENAMES, folder, str(sleep)]
-    process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=heeding
-    )
-    for _ in range(1 + bool(sleep)):
-        process.stdout.readline()
-    time.sleep(seconds)
-    process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=60)
-    return process.returncode, err
-
-
-def test_all_files_are_renamed_or_none(tmp_path):
-    for k in range(4 * TRIALS):
-        folder = tmp_path / str(k)
-        code, err = renaming(folder, 0.08 * k / (4 * TRIALS), sleep=0)
-        held = {path.read_text() for path in folder.iterdir() if path.is_file()}
-        assert len(held) == 1 and len(list(folder.iterdir())) == FILES, (code, err)
-        assert held == ({"old"} if "nothing on disk" in err else {"new"}), (code, err)
-        print(k, held, code, err.strip())
-
-
-def test_what_comes_too_late_says_so(tmp_path):
-    code, err = renaming(tmp_path / "out", 0.0, sleep=60)
-    assert (
-        code == 130
-        and err == f"crowd-lod: stopped too late: the output in {tmp_path / 'out'} is complete.\n"
-    )
+            assert trial.code == 0 and trial.complete(whole), about
