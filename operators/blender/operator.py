@@ -184,6 +184,11 @@ class CROWDLOD_OT_look(bpy.types.Operator):
     bl_options = {"INTERNAL"}
     bl_translation_context = CONTEXT
 
+    @classmethod
+    def poll(cls, context) -> bool:
+        cls.poll_message_set("No step is at work")
+        return at_work() is not None
+
     def invoke(self, context, event) -> set[str]:
         context.window_manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}

@@ -154,7 +154,7 @@ class Step:
     """The step at work in a window: how Blender shows it, and how to end it.
 
     name: the bl_idname of its operator. dropped: why it was ended early, in words; "" if it is not.
-    renders: what the windows show meanwhile is not the overlay's, see `rendering`.
+    renders: whether it renders; viewports then show the build alone, without the overlay.
     """
 
     def __init__(self, name: str, slices: Slices, renders: bool, window: bpy.types.Window):

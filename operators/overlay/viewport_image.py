@@ -3,7 +3,7 @@
 Blender's own Render Viewport Image does not call the draw handlers of add-ons.
 """
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from functools import partial
 
@@ -33,14 +33,15 @@ class CROWDLOD_OT_render_viewport(Stepwise, bpy.types.Operator):
             return False
         return super().poll(context)
 
-    def steps(self, context) -> Iterator[float]:
-        display = viewport_overlay.display_of(context.scene)
+    def work(self, scene: bpy.types.Scene) -> Generator[float, None, str]:
+        context = bpy.context  # of the viewport in which the button was pressed
+        display = viewport_overlay.display_of(scene)
         space = context.space_data
         if display.batches is None:
             raise CrowdError(f"The viewport shows no crowd: {display.problem}")
         region = next(region for region in context.area.regions if region.type == "WINDOW")
         view, projection, size = _viewport_view(context, space, region)
-        settings = context.scene.crowd_lod
+        settings = scene.crowd_lod
         canvas = Canvas(size)
         crowd = visibility.shows_crowd(settings, space) and not visibility.shows_build(
             settings, context.view_layer, space
@@ -49,7 +50,7 @@ class CROWDLOD_OT_render_viewport(Stepwise, bpy.types.Operator):
             with _waiting(context.window):
                 batches = display.batches if crowd else None
                 pixels = canvas.picture(
-                    context.scene, context.view_layer, (space, region), (view, projection), batches
+                    scene, context.view_layer, (space, region), (view, projection), batches
                 )
         finally:
             canvas.free()

@@ -102,7 +102,7 @@ def from_file(crowd, folder):
 
 def image_memory(crowd):
     """The (bytes, number) of images that a build is said to load in full, by ratio."""
-    work = finished(estimate(crowd, crowd.crowd_lod, [1])).works["By Ratio"]
+    work = finished(estimate(crowd, crowd.crowd_lod, [1])).works["By Distance"]
     return work.images, work.image_count
 
 

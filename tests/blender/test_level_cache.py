@@ -8,6 +8,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
+from crowd_lod_extension.operators.blender.steps import Slices
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 
 from ..support.characters import character, new, rig, skin, tube
@@ -220,12 +221,12 @@ def test_what_is_deleted_between_two_steps_is_one_sentence_and_nothing_is_left(m
     made.crowd_lod.ratios[1] = 0.2
     levels = made.crowd_lod.levels
     before = {block: block.name for block in bpy.data.user_map()}
-    steps = make_levels(made)
+    steps = iter(Slices("Make LOD Meshes", made, make_levels))
     next(steps), next(steps), next(steps)
     other = bpy.data.objects["other"]
     del before[other]
     bpy.data.objects.remove(other)
-    with pytest.raises(CrowdError, match="was deleted meanwhile: press Make LOD Meshes again"):
+    with pytest.raises(CrowdError, match="Make LOD Meshes was stopped, as other was deleted"):
         list(steps)
     assert {
         block: block.name for block in bpy.data.user_map()

@@ -69,8 +69,6 @@ def test_the_account_is_of_the_agent_that_the_settings_name(scene):  # noqa: F81
         now.frame.levels[5],
         now.frame.visible[5],
     )
-    assert any(
-        line.text.startswith("Agent: 5,") for line in hud.figures(now.frame, now.colors, found)
-    )
+    assert hud.line_of(found, now.colors).text.startswith("Agent 5,")
     scene.crowd_lod.agent = 200  # of 200
     assert viewport_overlay.account_of(scene) is None

@@ -210,7 +210,8 @@ def proof():
     status = ""
     while at_work():
         robot.view_3d().tag_redraw()
-        status = at_work().status
+        if "at frame" in at_work().status:
+            status = at_work().status
         yield 0.3
     overlay().paint = paint
     found = {"drawn": len(drawn), "status": status, "back": scene().frame_current == frame}
@@ -300,7 +301,7 @@ def leave():
     """Blender is quit amid a step."""
     bpy.ops.wm.open_mainfile(filepath=str(FOLDER / "before.blend"))
     yield 1.0
-    yield from begin("make_levels")
+    yield from begin()
     return {"begun": at_work() is not None}
 
 
