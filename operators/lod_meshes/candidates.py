@@ -31,7 +31,16 @@ from ..machine.scene_world import actions_named
 from . import source_mesh as sources
 from .deviation import Measure, compare
 from .given_objects import copy_given, read_given
-from .level_objects import AS_MADE, WAY, WHY, discard, hash_made, make_object, share_object
+from .level_objects import (
+    AS_MADE,
+    UNMEASURED_LEAST,
+    WAY,
+    WHY,
+    discard,
+    hash_made,
+    make_object,
+    share_object,
+)
 from .measurements import OFTEN_LOST, Measurements
 from .pose_deformation import skin_of
 from .search import Search
@@ -305,7 +314,7 @@ class Ladder:
             if is_whole and source.item.type == "MESH":
                 parts.append(share_object(source))
             else:
-                steps = make_object(source, goal or 1.0)
+                steps = make_object(source, goal or 1.0, UNMEASURED_LEAST)
                 parts.append((yield from standing(steps, number / len(self.sources))))
         items, vertices, triangles = zip(*parts, strict=True)
         self._keep(goal, self.objects, items)

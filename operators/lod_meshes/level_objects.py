@@ -34,8 +34,10 @@ WAY = "crowd_lod_method"
 WHY = "crowd_lod_why"
 MILLISECONDS = "crowd_lod_ms"
 GIVEN = "crowd_lod_given"  # an artist made the LOD
-# triangles that an object keeps: with fewer a rod becomes flat, and shows nothing from some sides
+# Triangles that an object keeps: with fewer a rod becomes flat, and shows nothing from some sides.
+# A search measures whether it shows, and makes it finer; by distance nobody does.
 LEAST = 10
+UNMEASURED_LEAST = 14
 MISSED = 1.1  # a LOD with as many times the triangles asked for gets a sentence that says why
 
 
@@ -71,9 +73,9 @@ class _Made:
 
 
 def make_object(
-    source: sources.Source, ratio: float
+    source: sources.Source, ratio: float, least: int = LEAST
 ) -> Generator[None, None, tuple[bpy.types.Object, int, int]]:
-    """Make the object of a LOD with about `ratio` of its triangles.
+    """Make the object of a LOD with about `ratio` of its triangles, `least` of them at least.
 
     An object without faces is copied, with the character's data. At a ratio of 0 the LOD's object
     has no face.
@@ -84,7 +86,7 @@ def make_object(
         return share_object(source)
     if not ratio:
         return _leave_out(item)
-    made = yield from _make_mesh(source, ratio)
+    made = yield from _make_mesh(source, max(ratio, least / max(len(source.geometry[1]), 1)))
     yield
     copy = copy_object(item) if item.type == "MESH" else _stand_in(item, made.mesh)
     for modifier in list(copy.modifiers):
@@ -112,7 +114,6 @@ def _make_mesh(source: sources.Source, ratio: float) -> Generator[None, None, _M
     """
     name = source.item.name
     triangles = source.geometry[1]
-    ratio = max(ratio, LEAST / max(len(triangles), 1))
     wanted = round(ratio * len(triangles))
     if wanted >= len(triangles):
         mesh = source.mesh.copy()

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.blender import mesh_data
-from crowd_lod_extension.operators.lod_meshes import level_objects
+from crowd_lod_extension.operators.lod_meshes import candidates
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 
 from ..support.characters import character, new, rig, skin, tube
@@ -277,7 +277,7 @@ def test_one_triangle_and_two_hundred_loose_parts():
 
 def test_of_less_than_a_face_one_is_left(monkeypatch):
     """Hair cards, of which a LOD by ratio would keep a third of a triangle."""
-    monkeypatch.setattr(level_objects, "LEAST", 0)
+    monkeypatch.setattr(candidates, "UNMEASURED_LEAST", 0)
     points = []
     faces = []
     for i in range(60):
