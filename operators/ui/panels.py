@@ -33,7 +33,7 @@ from .drawing import (
     table,
     wide,
 )
-from .step_panel import Sidebar, Step, help_button, presets_button
+from .step_panel import Sidebar, Step, help_button
 from .wardrobe_panel import CROWDLOD_PT_wardrobes
 
 
@@ -41,7 +41,9 @@ class CROWDLOD_PT_main(Sidebar, bpy.types.Panel):
     bl_label = "Crowd LOD"
 
     def draw_header_preset(self, context) -> None:
-        presets_button(self.layout, "all")
+        row = self.layout.row()
+        row.emboss = "NONE"
+        row.popover("CROWDLOD_PT_presets", text="", icon="PRESET")
         help_button(self.layout, "The sidebar")
 
     def draw(self, context) -> None:
@@ -93,7 +95,6 @@ def _line(scene: bpy.types.Scene) -> str:
 class CROWDLOD_PT_crowd(Step, bpy.types.Panel):
     bl_label = "Crowd"
     bl_options = set()
-    step = "crowd"
 
     def draw_header_preset(self, context) -> None:
         following = steps.next_operator(context.scene)
@@ -106,7 +107,7 @@ class CROWDLOD_PT_crowd(Step, bpy.types.Panel):
             )
         else:
             button(self.layout, "crowd_lod.populate", "Populate", following=following)
-        self.draw_icons()
+        self.draw_help()
 
     def body(self, context, layout, settings) -> None:
         following = steps.next_operator(context.scene)
@@ -171,7 +172,6 @@ class CROWDLOD_PT_samples(Step, bpy.types.Panel):
 
 class CROWDLOD_PT_behavior(Step, bpy.types.Panel):
     bl_label = "Behavior"
-    step = "behavior"
 
     def body(self, context, layout, settings) -> None:
         draw_behavior(layout, settings)
@@ -219,7 +219,6 @@ class CROWDLOD_PT_simulation(Step, bpy.types.Panel):
 
 class CROWDLOD_PT_camera(Step, bpy.types.Panel):
     bl_label = "Camera"
-    step = "camera"
 
     def body(self, context, layout, settings) -> None:
         layout.prop(context.scene, "camera", text="Active Camera", translate=False)
@@ -242,7 +241,6 @@ class CROWDLOD_PT_culling(Step, bpy.types.Panel):
 
 class CROWDLOD_PT_levels(Step, bpy.types.Panel):
     bl_label = "LOD Meshes"
-    step = "levels"
     main = ("crowd_lod.make_levels", "Make")
 
     def body(self, context, layout, settings) -> None:
@@ -346,7 +344,6 @@ class CROWDLOD_PT_decimation(Step, bpy.types.Panel):
 
 class CROWDLOD_PT_overlay(Step, bpy.types.Panel):
     bl_label = "Overlay"
-    step = "overlay"
 
     def draw_header(self, context) -> None:
         self.layout.prop(context.scene.crowd_lod, "overlay", text="")

@@ -25,7 +25,6 @@ from .step_panel import Step
 
 class CROWDLOD_PT_plan(Step, bpy.types.Panel):
     bl_label = "Plan Shot"
-    step = "plan"
     main = ("crowd_lod.plan_shot", "Plan")
 
     def body(self, context, layout, settings) -> None:
@@ -147,7 +146,6 @@ class CROWDLOD_PT_plan_output(Step, bpy.types.Panel):
 
 class CROWDLOD_PT_preview(Step, bpy.types.Panel):
     bl_label = "Preview"
-    step = "preview"
     main = ("crowd_lod.preview", "Preview")
 
     def body(self, context, layout, settings) -> None:
@@ -179,7 +177,7 @@ class CROWDLOD_PT_build(Step, bpy.types.Panel):
             text,
             following=steps.next_operator(context.scene),
         )
-        self.draw_icons()
+        self.draw_help()
 
     def body(self, context, layout, settings) -> None:
         changed = staleness.changed(context.scene)
@@ -262,7 +260,6 @@ class CROWDLOD_PT_view_layers(Step, bpy.types.Panel):
 
 class CROWDLOD_PT_verify(Step, bpy.types.Panel):
     bl_label = "Verify"
-    step = "verify"
     main = ("crowd_lod.verify", "Verify")
 
     def body(self, context, layout, settings) -> None:
@@ -284,7 +281,6 @@ class CROWDLOD_PT_verify_advanced(Step, bpy.types.Panel):
 
 class CROWDLOD_PT_hand_over(Step, bpy.types.Panel):
     bl_label = "Hand Over"
-    step = "export"
 
     def body(self, context, layout, settings) -> None:
         scene = context.scene
