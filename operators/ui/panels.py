@@ -8,7 +8,6 @@ from textwrap import shorten
 
 import bpy
 
-from ... import sample_scenes
 from ...crowd_lod.behavior.walk import walks_of
 from ...crowd_lod.format import counted
 from ...crowd_lod.levels.cost_model import NAMES
@@ -154,20 +153,6 @@ class CROWDLOD_PT_crowd_advanced(Step, bpy.types.Panel):
             layout.prop(group, "on_ground", text=f"{group.name} on Ground", translate=False)
         button(layout, "crowd_lod.give_lod", icon="MOD_DECIM")
         button(layout, "crowd_lod.take_action", icon="ACTION")
-
-
-class CROWDLOD_PT_samples(Step, bpy.types.Panel):
-    bl_label = "Sample Scenes"
-    bl_parent_id = "CROWDLOD_PT_crowd"
-
-    @classmethod
-    def poll(cls, context) -> bool:
-        return context.scene.crowd_lod.characters is None
-
-    def body(self, context, layout, settings) -> None:
-        row = layout.row()
-        for name in sample_scenes.NAMES:
-            row.operator("crowd_lod.sample", text=name.capitalize(), translate=False).name = name
 
 
 class CROWDLOD_PT_behavior(Step, bpy.types.Panel):
@@ -372,7 +357,6 @@ CLASSES = (
     CROWDLOD_PT_groups,
     CROWDLOD_PT_wardrobes,
     CROWDLOD_PT_crowd_advanced,
-    CROWDLOD_PT_samples,
     CROWDLOD_PT_behavior,
     CROWDLOD_PT_behavior_advanced,
     CROWDLOD_PT_heights,
