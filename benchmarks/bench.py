@@ -7,7 +7,7 @@ Prints the chapter's tables, and writes CSV, JSON and figure 1.6.
 ./crowd-lod bench --worth --characters FOLDER       planned bakes beside rivals: reach.py
 ./crowd-lod bench --shots [--quick] [--out DIR]     shot plans instead: shots.py
 ./crowd-lod bench --costs                           what things cost engines: costs.py
-./crowd-lod bench --memory [FILE ...]               memory and files as predicted: memory.py
+./crowd-lod bench --memory [FILE ...]               memory as predicted: memory.py
 ./crowd-lod bench --choices                         which LODs pay, rendered: choices.py
 ./crowd-lod bench --occlusion                       who is hidden by scenery: occlusion.py
 ./crowd-lod bench --wardrobes                       parts that agents wear: wardrobes.py

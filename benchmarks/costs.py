@@ -160,7 +160,6 @@ def measured(
                     "rays": rays,
                     "drawn_triangles": row["instanced"] * samples,
                     "traced": Work(rays=rays, unique=row["unique"]).traced,
-                    "file_mb": round(row["file_mb"] - empty["file_mb"], 2),
                 }
                 rows.append({name: row[name] for name in row if name != "file"} | levels | beyond)
                 show(engine, rows[-1:])

@@ -1,12 +1,12 @@
-"""Memory and file of crowds, beside what *Estimate Cost* predicts.
+"""Memory of crowds, beside what *Estimate Cost* predicts.
 
 ./crowd-lod bench --memory [FILE ...]
 
 Each crowd of CROWDS, and one of each character FILE (glTF, FBX), is built live and baked over
 FRAMES, with LODs by tolerance. Cycles renders each build, and the same scene without crowd and
 characters, 640 pixels wide, each in a process of its own. Measured is what the crowd adds to the
-largest memory of the process, and to the compressed file. At the end the coefficients of MEMORY and
-FILE (crowd_lod/levels/cost_model.py) are fitted to all builds.
+largest memory of the process. At the end the coefficients of MEMORY (crowd_lod/levels/cost_model.py)
+are fitted to all builds.
 """
 
 import tempfile
@@ -18,7 +18,7 @@ import crowds
 import lod_trial
 import numpy as np
 from cost_fit import fit_costs
-from crowd_lod_extension.crowd_lod.levels.cost_model import FILE, MEMORY
+from crowd_lod_extension.crowd_lod.levels.cost_model import MEMORY
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender.ownership import remove_owned
 from crowd_lod_extension.operators.render_setup import bake, cost_estimate, render_setup
@@ -61,11 +61,10 @@ def main(characters: list[str]) -> None:
         show(name_of(crowd), rows)
         works += [made[f"{way} work"] for way in WAYS]
         measured += rows
-    for name, table in (("memory", MEMORY["CYCLES"]), ("file", FILE)):
-        counts = {count: np.array([work[count] for work in works]) for count in table}
-        fit = fit_costs(counts, 1e6 * np.array([row[f"{name} measured"] for row in measured]))
-        costs = {count: float(f"{cost:.3g}") for count, cost in fit.costs.items()}
-        print(f"{name}: {costs}, {fit.off:.0%} rms off")
+    counts = {count: np.array([work[count] for work in works]) for count in MEMORY["CYCLES"]}
+    fit = fit_costs(counts, 1e6 * np.array([row["measured"] for row in measured]))
+    costs = {count: float(f"{cost:.3g}") for count, cost in fit.costs.items()}
+    print(f"{costs}, {fit.off:.0%} rms off")
 
 
 def name_of(crowd: dict) -> str:
@@ -78,21 +77,16 @@ def name_of(crowd: dict) -> str:
 def _row(way: str, made: dict, peaks: dict) -> dict:
     memory = made[way]["memory_mb"]
     measured = peaks[way]["peak_mb"] - peaks["empty"]["peak_mb"]
-    file = made[way]["file_mb"]
-    written = made[f"{way} file"]
     return {
         "way": way,
-        "memory predicted": round(memory),
-        "memory measured": round(measured),
-        "memory ratio": round(memory / measured, 2),
-        "file predicted": round(file, 2),
-        "file measured": round(written, 2),
-        "file ratio": round(file / written, 2),
+        "predicted": round(memory),
+        "measured": round(measured),
+        "ratio": round(memory / measured, 2),
     }
 
 
 def make(folder: str, crowd: dict) -> dict:
-    """Write live.blend, baked.blend and empty.blend; return what is predicted, and their MB."""
+    """Write live.blend, baked.blend and empty.blend; return what is predicted."""
     crowd_lod_extension.register()
     scene = _scene(**crowd)
     settings = scene.crowd_lod
@@ -117,7 +111,7 @@ def make(folder: str, crowd: dict) -> dict:
         work = vars(found.works["By Tolerance"])
         row[f"{way} work"] = {name: float(np.max(value)) for name, value in work.items()}
         finished(bake.bake(scene, FRAMES) if way == "baked" else render_setup.build(scene))
-        row[f"{way} file"] = _save(folder, way)
+        _save(folder, way)
     render_setup.remove_build(settings)
     remove_owned(settings.levels)
     bpy.data.batch_remove([*settings.characters.all_objects, *bpy.data.actions])
@@ -126,11 +120,10 @@ def make(folder: str, crowd: dict) -> dict:
     return row
 
 
-def _save(folder: str, name: str) -> float:
-    """Write the open file; return its MB."""
+def _save(folder: str, name: str) -> None:
+    """Write the open file."""
     path = Path(folder) / f"{name}.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True, compress=True)
-    return path.stat().st_size / 1e6
 
 
 def _scene(agents: int, sample: str = "", file: str = "", **crowd) -> bpy.types.Scene:

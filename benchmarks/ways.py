@@ -102,12 +102,10 @@ def prepare(
             path = Path(folder) / f"{way}_{agents}.blend"
             if way == NOBODY:
                 render_setup.remove_build(scene.crowd_lod)
-                files[f"{way}, with characters_{agents}"] = _save(path)
                 remove_owned(scene.crowd_lod.levels)
                 bpy.data.batch_remove(scene.crowd_lod.characters.all_objects)
                 bpy.data.orphans_purge(do_recursive=True)
             if way == BAKED:
-                files[f"{way}, with characters_{agents}"] = _save(path)
                 hide_characters(scene)
                 bake.keep_what_renders(scene)
             files[path.stem] = _save(path)
@@ -146,16 +144,8 @@ def counts(
         bpy.ops.wm.open_mainfile(filepath=f"{folder}/{way}.blend")
         row = _counted(bpy.context.scene, way, agents)
         path = Path(folder) / f"{way}_{agents}.blend"
-        rows.append(
-            {
-                **crowd,
-                "way": way,
-                "agents": agents,
-                **row,
-                "file": str(path),
-                "file_mb": _save(path),
-            }
-        )
+        rows.append({**crowd, "way": way, "agents": agents, **row, "file": str(path)})
+        _save(path)
         if not agents:
             bpy.data.batch_remove(bpy.data.images)  # those of hidden characters are loaded, too
             _save(path)
@@ -182,8 +172,6 @@ def _counted(scene: bpy.types.Scene, way: str, agents: int) -> dict:
     return counted(top) | {
         "rays": float(full.rays[0]),
         "images": full.images,
-        "stored": 0.0,
-        "points": 3.0 * agents,
     }
 
 

@@ -140,32 +140,22 @@ def costs(
     return rows
 
 
-def beside(rows: list[dict], predicted: dict, files: dict[str, float]) -> dict:
+def beside(rows: list[dict], predicted: dict) -> dict:
     """The row of what was predicted of the crowd, and of what was measured.
 
-    At full detail and by tolerance, MB; time as the latter's part. Of files that all hold the
-    characters.
+    At full detail and by tolerance, MB; time as the latter's part.
     """
     nobody, whole, by_tolerance = (
         next(row for row in rows if row["way"] == way) for way in (NOBODY, EVERYONE, BAKED)
     )
     result = {key: by_tolerance[key] for key in ("engine", "crowd", "agents")}
-    agents = by_tolerance["agents"]
-    characters = ", with characters"
-    ground = files[f"{NOBODY}{characters}_{agents}"]
-    for name, row, way in (
-        ("Full Detail", whole, EVERYONE),
-        ("By Tolerance", by_tolerance, BAKED + characters),
-    ):
+    for name, row in (("Full Detail", whole), ("By Tolerance", by_tolerance)):
         memory = (
             "-"
             if None in (row["peak_mb"], nobody["peak_mb"])
             else round(row["peak_mb"] - nobody["peak_mb"], 1)
         )
         result[f"{name} memory_mb"] = f"{predicted[name]['memory_mb']:g} / {memory}"
-        result[f"{name} file_mb"] = (
-            f"{predicted[name]['file_mb']:g} / {files[f'{way}_{agents}'] - ground:.2f}"
-        )
     return result | {
         "time": f"{predicted['By Tolerance']['time_share']:.2f} / "
         f"{'-' if by_tolerance['time'] is None else by_tolerance['time']}"
@@ -250,9 +240,7 @@ def measure(
                     rows,
                 )
                 results["ways"] += rows
-                results["predicted"].append(
-                    beside(rows, files_job["predicted"][str(agents)], files_job["files"])
-                )
+                results["predicted"].append(beside(rows, files_job["predicted"][str(agents)]))
     show("Of the crowd alone, predicted / measured", results["predicted"])
     results["goals"] = judged(results["ways"])
     print(f"\nGoals of {BAKED}")

@@ -1,4 +1,4 @@
-"""The cost of rendering a build: memory, file size and time.
+"""The cost of rendering a build: memory and time.
 
 It follows from counts of what the build holds and what a frame shows.
 
@@ -41,14 +41,8 @@ class Work:
     images, image_count: bytes, and number, of the images that the characters' materials use.
     keys: keys of the actions of the build's rigs.
     other_keys: keys of all other actions in the file, such as the characters' own.
-    stored: triangles of the characters and of their LODs, in the file.
-    poses: triangles of still poses, which are meshes of their own.
-    meshes: bytes in memory of all these meshes.
+    meshes: bytes in memory of the meshes of characters, LODs and still poses.
     materials: materials of the characters.
-    rest: bytes of the file without a build and without what `stored` and `meshes` count.
-    points: points in the file, one per agent and baked frame.
-    moving_points: those of them that have velocities for motion blur.
-    crowd: 1, for what any crowd has, such as node groups.
     """
 
     posed: float = 0.0
@@ -64,14 +58,8 @@ class Work:
     image_count: float = 0.0
     keys: float = 0.0
     other_keys: float = 0.0
-    stored: float = 0.0
-    poses: float = 0.0
     meshes: float = 0.0
     materials: float = 0.0
-    rest: float = 0.0
-    points: float = 0.0
-    moving_points: float = 0.0
-    crowd: float = 1.0
 
     @property
     def traced(self) -> np.ndarray | float:
@@ -134,20 +122,6 @@ SECONDS = {
         "images": 1.1e-8,
     },
 }
-# Bytes of the compressed file for one of each: 13 bakes of three frames are within 16 %.
-FILE: dict[str, float] = {
-    "stored": 15,
-    "meshes": 0.06,
-    "poses": 5,
-    "keys": 17,
-    "bones": 90,
-    "points": 8,
-    "moving_points": 4.5,
-    "crowd": 25_000,
-    "rest": 1,
-}
-
-
 # what SECONDS rest on, in words
 DEVELOPERS = {
     "CYCLES": "a processor of the developers",
@@ -193,12 +167,10 @@ class Price:
     """The cost of a build.
 
     memory: bytes, in the frame that takes most.
-    file: bytes.
     seconds: mean per frame, on the machine that the costs rest on.
     """
 
     memory: float
-    file: float
     seconds: float
 
     def share(self, whole: "Price") -> "Price":
@@ -209,14 +181,14 @@ class Price:
 
 def price(work: Work, costs: Costs) -> Price:
     """Return the price of `work` by `costs`."""
-    memory, file, seconds = (
+    memory, seconds = (
         sum(
             coefficient * np.asarray(getattr(work, name), np.float64)
             for name, coefficient in table.items()
         )
-        for table in (MEMORY[costs.engine], FILE, costs.seconds)
+        for table in (MEMORY[costs.engine], costs.seconds)
     )
-    return Price(float(np.max(memory, initial=0.0)), float(file), float(np.mean(seconds)))
+    return Price(float(np.max(memory, initial=0.0)), float(np.mean(seconds)))
 
 
 @dataclass(frozen=True)
@@ -224,8 +196,8 @@ class Holdings:
     """What G groups hold, whatever frames show: each field is (G,), or one number for all.
 
     rigs, bones: armatures of one character, and their bones.
-    keys, other_keys, stored, meshes, materials: as of Work, of each group; without LODs. What two
-        groups share is counted for the first.
+    keys, other_keys, meshes, materials: as of Work, of each group; without LODs. What two groups
+        share is counted for the first.
     triangle: bytes in memory of a triangle of a mesh, with its vertices.
     split: part of the characters' triangles whose corners have normals of their own.
     """
@@ -234,7 +206,6 @@ class Holdings:
     bones: np.ndarray | float = 0.0
     keys: np.ndarray | float = 0.0
     other_keys: np.ndarray | float = 0.0
-    stored: np.ndarray | float = 0.0
     meshes: np.ndarray | float = 0.0
     triangle: np.ndarray | float = 0.0
     split: np.ndarray | float = 0.0
@@ -299,11 +270,10 @@ def work_of(
 
     shown_agents: (F, K, N), how many agents each frame shows with each LOD of each character.
     rays: (F,), or one number.
-    known: True for a build of these frames alone: it holds their points, and only the characters
-        that they show. Else it holds all characters and no points.
+    known: True for a build of these frames alone, which holds only the characters that they show.
+        Else it holds all characters.
     """
     is_held = actors.held_by(shown_agents, known)
-    agents = shown_agents.sum()
     shown_agents = shown_agents.copy()
     # a group with fewer LODs than others shows its last in their place
     for k in range(shown_agents.shape[1] - 1, 0, -1):
@@ -334,11 +304,8 @@ def work_of(
         rays=rays,
         keys=float(np.broadcast_to(holdings.keys, groups).sum()),
         other_keys=float(np.broadcast_to(holdings.other_keys, groups).sum()),
-        stored=float(np.sum(holdings.stored + actors.stored)),
-        poses=float(poses.sum()),
         meshes=float(np.sum(holdings.meshes + more * holdings.triangle)),
         materials=float(np.broadcast_to(holdings.materials, groups).sum()),
-        points=float(agents) if known else 0.0,
     )
 
 

@@ -1,4 +1,4 @@
-"""What character groups hold in a file and in a build, whatever frames show."""
+"""What character groups hold in a build, whatever frames show."""
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
@@ -121,7 +121,6 @@ def holdings_of(
     other_keys = np.zeros(len(groups))
     other_keys[:1] = sum(_keys_in(action) for action in bpy.data.actions if OWNED not in action)
     meshes_of = [_meshes_of(objects) for _, objects, _ in characters]
-    stored = _first_counted(meshes_of, _triangles)
     meshes = _first_counted(meshes_of, _bytes_of)
     worn = [_materials_of(objects) for _, objects, _ in characters]
     materials = _first_counted(worn, lambda _: 1)
@@ -130,7 +129,6 @@ def holdings_of(
         bones=bones * rigged,
         keys=live_keys,
         other_keys=other_keys,
-        stored=stored,
         meshes=meshes,
         triangle=np.array([_bytes_a_triangle(objects) for _, objects, _ in characters]),
         split=np.array([_split_part(objects) for _, objects, _ in characters]),

@@ -1,4 +1,4 @@
-"""What leaves the file: how large a bake, a USD file or a farm's job is, and what each needs.
+"""What leaves the file: a bake, a USD file, a farm's job; what each needs, and how large it is.
 
 In: a scene with its crowd, LOD meshes and plan.
 Out: sizes and lacks for the panel, and the folder of a job.

@@ -12,7 +12,7 @@ import bpy
 
 from ...crowd_lod import __version__
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.format import counted, printable
+from ...crowd_lod.format import byte_size, counted, printable
 from ...crowd_lod.frame.frame_range import shot_frames
 from ...crowd_lod.reporting import files
 from ...crowd_lod.reporting.farm_job import FarmJob, template, values
@@ -20,7 +20,6 @@ from ..blender import console
 from ..blender.operator import Stepwise
 from ..blender.output_folders import output_folder, place_of
 from ..settings import needs
-from .sizes import sizes_of
 
 FLAMENCO = Path(__file__).with_name("flamenco_job.js")
 README = "README.txt"
@@ -126,18 +125,19 @@ def outside_files() -> list[Path]:
     return sorted({Path(path) for path in paths if path})
 
 
-def readme_of(scene: bpy.types.Scene, job: FarmJob, paths: Sequence[Path]) -> str:
-    """Return what the job needs, as text for whoever submits it."""
-    size = sizes_of(scene.crowd_lod).get("crowd_lod.write_farm_job")
-    large = f"each opens {size.file}, and takes {size.memory} for the crowd" if size else ""
+def readme_of(job: FarmJob, size: str, paths: Sequence[Path]) -> str:
+    """Return what the job needs, as text for whoever submits it.
+
+    size: of its scene, in words. paths: of files that the scene reads.
+    """
     blender = bpy.app.version_string
     lines = [
         job.name,
         job_sentence(job),
         "",
         f"Plan, Bake, Assemble: Blender {blender} with Crowd LOD {__version__}.",
-        f"Render: Blender {blender}, without Crowd LOD{'; ' * bool(large)}{large}.",
-        f"Scene: {job.scene}, a copy of {printable(Path(bpy.data.filepath))}.",
+        f"Render: Blender {blender}, without Crowd LOD.",
+        f"Scene: {job.scene}, {size}, a copy of {printable(Path(bpy.data.filepath))}.",
         "Files that the scene reads, which all machines must see:",
         *(f"  {printable(path)}{'' if path.exists() else '  MISSING'}" for path in paths),
         *["  none"] * (not paths),
@@ -166,15 +166,19 @@ class CROWDLOD_OT_write_farm_job(Stepwise, bpy.types.Operator):
         # the copy's relative paths are seen from the place where it stays
         with files.staged_file(folder / path.name) as copy, console.quiet():
             bpy.ops.wm.save_as_mainfile(filepath=str(copy), copy=True, compress=True)
+        size = byte_size((folder / path.name).stat().st_size)
         yield 0.7
         with files.staged(folder, "template.json", "parameter_values.json", README) as part:
             write_job(job, part)
-            (part / README).write_text(readme_of(scene, job, paths), encoding="utf-8")
+            (part / README).write_text(readme_of(job, size, paths), encoding="utf-8")
         sentence = job_sentence(job)
         missing = [path.name for path in paths if not path.exists()]
         if missing:
             sentence += f" The scene reads files that are missing: {', '.join(missing[:3])}."
-        return f"{sentence} The job is in {place_of(folder)}; {README} says what it needs."
+        return (
+            f"{sentence} The job, with a scene of {size}, is in {place_of(folder)}; {README} says "
+            f"what it needs."
+        )
 
 
 CLASSES = (CROWDLOD_OT_write_farm_job,)

@@ -1,4 +1,4 @@
-"""The operators of the render setup: Build, Bake, Remove Build."""
+"""The operators of the render setup: Estimate Cost, Build, Bake, Remove Build."""
 
 from collections.abc import Callable, Generator, Sequence
 
@@ -21,6 +21,7 @@ from ..settings import needs
 from ..sources.crowd_sources import check_recorded
 from ..sources.record_points import shared_record
 from .bake import bake
+from .cost_estimate import estimate
 from .frame_update import update
 from .hidden_characters import hide_characters, notes_on_characters
 from .render_setup import build, notes_on_cast, remove_build
@@ -122,6 +123,22 @@ def bake_frames(scene: bpy.types.Scene) -> Generator[float, None, str]:
     return " ".join(filter(None, sentences))
 
 
+class CROWDLOD_OT_estimate(Stepwise, bpy.types.Operator):
+    """Estimate memory and render time for each way to choose LODs"""
+
+    bl_idname = "crowd_lod.estimate"
+    bl_label = "Estimate Cost"
+    needs = (
+        needs.crowd,
+        needs.camera,
+    )
+
+    def work(self, scene: bpy.types.Scene) -> Generator[float, None, str]:
+        costs = yield from estimate(scene, scene.crowd_lod)
+        scene.crowd_lod.estimate = costs.table
+        return costs.sentence
+
+
 class CROWDLOD_OT_build(Stepwise, bpy.types.Operator):
     """Build the crowd for rendering: instances that follow the camera and the frame"""
 
@@ -162,4 +179,4 @@ class CROWDLOD_OT_remove_build(Reporting, bpy.types.Operator):
         return "The build is removed."
 
 
-CLASSES = (CROWDLOD_OT_build, CROWDLOD_OT_bake, CROWDLOD_OT_remove_build)
+CLASSES = (CROWDLOD_OT_estimate, CROWDLOD_OT_build, CROWDLOD_OT_bake, CROWDLOD_OT_remove_build)

@@ -1,6 +1,6 @@
 """The cost of builds of a scene: full detail, LODs by distance, LODs by tolerance."""
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterable, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -20,11 +20,9 @@ from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.shadows import surrounded
 from ...crowd_lod.levels.assignment import LevelPolicy, deviations
 from ...crowd_lod.levels.cost_model import (
-    FILE,
     NAMES,
     Actors,
     Costs,
-    Holdings,
     Price,
     Work,
     price,
@@ -45,7 +43,6 @@ from ..scene.scene_occluders import STAGE
 from ..scene.shot_reference import use_of
 from ..sources.record_points import on_record
 from .character_images import image_bytes, images_of, uses_cache
-from .file_size import weigh_file, weigh_what_renders
 from .frame_update import members
 from .phase_characters import meshes_of_plan
 from .render_setup import check_levels
@@ -81,15 +78,12 @@ class Estimate:
         not asked for.
     hidden_agents: their number, the mean of the frames.
     refused: sentences on the scenery that hides nobody.
-    rendered_file: bytes of a file that holds only what a bake of the scene's own choice needs to
-        render.
     """
 
     works: dict[str, Work]
     costs: Costs
     frames: Sequence[int]
     looked_at: Sequence[int]
-    rendered_file: float
     hidden: float | None = None
     hidden_agents: float = 0.0
     refused: tuple[str, ...] = ()
@@ -100,19 +94,14 @@ class Estimate:
         return {name: price(work, self.costs) for name, work in self.works.items()}
 
     @property
-    def rows(self) -> list[tuple[str, str, str, str]]:
-        """Return (choice, memory, file, time) of each choice as text.
+    def rows(self) -> list[tuple[str, str, str]]:
+        """Return (choice, memory, time) of each choice as text.
 
         The time is a part of that at full detail.
         """
         whole = self.prices[FULL]
         return [
-            (
-                name,
-                byte_size(price.memory),
-                byte_size(price.file),
-                f"{price.share(whole).seconds:.0%}",
-            )
+            (name, byte_size(price.memory), f"{price.share(whole).seconds:.0%}")
             for name, price in self.prices.items()
         ]
 
@@ -123,7 +112,6 @@ class Estimate:
         return {
             name: {
                 "memory_mb": round(price.memory / 1e6, 1),
-                "file_mb": round(price.file / 1e6, 2),
                 "time_share": round(price.share(whole).seconds, 3),
             }
             for name, price in self.prices.items()
@@ -135,7 +123,6 @@ class Estimate:
         head = (
             f"{NAMES[self.costs.engine]}, {self.frames[0]} to {self.frames[-1]}",
             "Memory",
-            "File",
             "Time",
         )
         return "\n".join("\t".join(row) for row in (head, *self.rows))
@@ -143,8 +130,7 @@ class Estimate:
     @property
     def sentence(self) -> str:
         costs = "; ".join(
-            f"{name}: memory {memory}, a file of {file}, time {time}"
-            for name, memory, file, time in self.rows
+            f"{name}: memory {memory}, time {time}" for name, memory, time in self.rows
         )
         return (
             f"The crowd in {NAMES[self.costs.engine]}, {shot_frames(self.frames)}: {costs}. "
@@ -227,9 +213,6 @@ def estimate(
     works = {}
     mine = CHOICES[settings.choice]
     costs = scene_data.costs_of(scene)
-    weight = weigh_file(scene)
-    rest = weight - _bytes_of_meshes(choices[mine], cast.groups)
-    builds = _Builds(scene, settings, characters, owner, len(frames) / len(looked_at), rest)
     for name, choice in choices.items():
         actors = Actors(
             choice.triangles,
@@ -245,58 +228,27 @@ def estimate(
         in_bake = replace(actors, holdings=cast.baked(frames, trajectory, library, used))
         for baked in (known,) if known or name != mine else (False, True):
             work = work_of(in_bake if baked else actors, agents_shown, views.rays, baked)
-            is_held = actors.held_by(agents_shown, baked)
-            works[f"{name}, Baked" if baked and not known else name] = builds.with_the_rest(
-                work, is_held if name == mine else None
-            )
-    baked_work = works[mine if known else f"{mine}, Baked"]
-    is_held = views.agents_shown[mine].any(axis=0)
-    objects = _objects_held(characters, settings, is_held, owner)
-    added = price(baked_work, costs).file - weight
-    once = _bytes_of_stills(choices[mine], library, is_held, owner)
-    rendered_file = weigh_what_renders(scene, objects) + added - once
+            # the objects of another choice are not made: it counts with the images of all
+            objects = settings.levels.all_objects
+            if name == mine:
+                is_held = actors.held_by(agents_shown, baked)
+                objects = _objects_held(characters, settings, is_held, owner)
+            full_name = f"{name}, Baked" if baked and not known else name
+            works[full_name] = _with_images(scene, work, objects)
     hidden = views.hidden, views.hidden_agents, views.refused
-    return Estimate(works, costs, frames, looked_at, rendered_file, *hidden)
+    return Estimate(works, costs, frames, looked_at, *hidden)
 
 
-@dataclass(frozen=True)
-class _Builds:
-    """What is alike in all builds of a scene, whichever LODs they hold.
-
-    owner: (L,) the group of each character.
-    frames: how many frames of the shot each frame stands for that was looked at.
-    rest: bytes of the file that are no meshes.
-    """
-
-    scene: bpy.types.Scene
-    settings: bpy.types.PropertyGroup
-    characters: Sequence[tuple]
-    owner: np.ndarray
-    frames: float
-    rest: float
-
-    def with_the_rest(self, work: Work, is_held: np.ndarray | None) -> Work:
-        """Return the work of the characters with points, images and the rest of the file.
-
-        is_held: (K, L) bool, the LODs of each character that the build holds; None where its
-            objects are not made, and count with the images of all.
-        """
-        if is_held is None:
-            objects = self.settings.levels.all_objects
-        else:
-            objects = _objects_held(self.characters, self.settings, is_held, self.owner)
-        images = images_of(objects)
-        cached = {image for image in images if uses_cache(self.scene, image)}
-        in_full = images - cached
-        points = work.points * self.frames
-        return replace(
-            work,
-            points=points,
-            moving_points=points * self.scene.render.use_motion_blur,
-            images=image_bytes(in_full) + CACHED * image_bytes(cached),
-            image_count=float(len(in_full)),
-            rest=self.rest,
-        )
+def _with_images(scene: bpy.types.Scene, work: Work, objects: Iterable[bpy.types.Object]) -> Work:
+    """Return the `work` with the images of the objects that a build of `scene` shows."""
+    images = images_of(objects)
+    cached = {image for image in images if uses_cache(scene, image)}
+    in_full = images - cached
+    return replace(
+        work,
+        images=image_bytes(in_full) + CACHED * image_bytes(cached),
+        image_count=float(len(in_full)),
+    )
 
 
 class _Seen(NamedTuple):
@@ -379,28 +331,6 @@ def _count_shown(frame: Frame, library: Library, trajectory: Trajectory, count: 
             )
             counts[int(name.rpartition(" ")[2])] += np.bincount(numbers, minlength=size)
     return counts
-
-
-def _bytes_of_meshes(choice: Choice, holdings: Holdings) -> float:
-    """Return the bytes that the price counts for the characters' meshes and the choice's LODs."""
-    levels = stored_triangles(choice.triangles)
-    stored = np.sum(holdings.stored + levels)
-    meshes = np.sum(holdings.meshes + levels * holdings.triangle)
-    return float(FILE["stored"] * stored + FILE["meshes"] * meshes)
-
-
-def _bytes_of_stills(
-    choice: Choice, library: Library, is_held: np.ndarray, owner: np.ndarray
-) -> float:
-    """Return the bytes of a mesh for each LOD that a bake shows in still poses.
-
-    The poses are meshes of their own, and a file that only renders needs no other.
-    is_held, owner: as of _objects_held.
-    """
-    triangles = 0.0
-    for g in np.flatnonzero(library.posed):
-        triangles += choice.triangles[g][is_held[:, owner == g].any(axis=1)].sum()
-    return FILE["stored"] * triangles
 
 
 def _objects_held(

@@ -13,7 +13,6 @@ from ..blender.labeled_properties import (
 )
 from ..blender.output_folders import BLEND_NAME
 from .exception_settings import CrowdLodException
-from .outdated_estimate import outdate
 from .setting_changes import settings_changed
 
 COLORS = (
@@ -182,7 +181,6 @@ class ExportSettings:
     )
     usd_animated: BoolProperty(
         name="Moving Prototypes",
-        update=outdate,
         description="Each of 16 phases of an action is a prototype that moves, instead of poses "
         "between which agents change: exact phases and blurred limbs, but a larger file",
     )

@@ -25,7 +25,6 @@ from .step_panel import Step
 
 class CROWDLOD_PT_plan(Step, bpy.types.Panel):
     bl_label = "Plan Shot"
-    step = "plan"
     main = ("crowd_lod.plan_shot", "Plan")
 
     def body(self, context, layout, settings) -> None:
@@ -147,7 +146,6 @@ class CROWDLOD_PT_plan_output(Step, bpy.types.Panel):
 
 class CROWDLOD_PT_preview(Step, bpy.types.Panel):
     bl_label = "Preview"
-    step = "preview"
     main = ("crowd_lod.preview", "Preview")
 
     def body(self, context, layout, settings) -> None:
@@ -178,7 +176,7 @@ class CROWDLOD_PT_build(Step, bpy.types.Panel):
             text,
             following=steps.next_operator(context.scene),
         )
-        self.draw_icons()
+        self.draw_help()
 
     def body(self, context, layout, settings) -> None:
         changed = staleness.changed(context.scene)
@@ -231,10 +229,10 @@ class CROWDLOD_PT_cost(Step, bpy.types.Panel):
         button(layout, "crowd_lod.estimate", icon="MEMORY")
         column = layout.column(align=True)
         for name, *figures in (line.split("\t") for line in settings.estimate.splitlines()):
-            row = column.split(factor=0.33)
+            row = column.split(factor=0.42)
             # the engine's frames, and the choice that is baked, are in the report
             label(row, "Baked" if name.endswith(", Baked") else name.partition(",")[0])
-            for text, part in zip(figures, (0.38, 0.6, 1.0), strict=False):
+            for text, part in zip(figures, (0.5, 1.0), strict=False):
                 row = row.split(factor=part)
                 label(row, text)
         if not settings.estimate:
@@ -261,7 +259,6 @@ class CROWDLOD_PT_view_layers(Step, bpy.types.Panel):
 
 class CROWDLOD_PT_verify(Step, bpy.types.Panel):
     bl_label = "Verify"
-    step = "verify"
     main = ("crowd_lod.verify", "Verify")
 
     def body(self, context, layout, settings) -> None:
@@ -283,16 +280,14 @@ class CROWDLOD_PT_verify_advanced(Step, bpy.types.Panel):
 
 class CROWDLOD_PT_hand_over(Step, bpy.types.Panel):
     bl_label = "Hand Over"
-    step = "export"
 
     def body(self, context, layout, settings) -> None:
         scene = context.scene
         lacks = [] if needs.crowd(scene) or needs.camera(scene) else _lacks(scene)
         for lack in lacks:
             _draw_lack(layout, lack, letters_of(context))
-        if not sizes_of(settings):
-            button(layout, "crowd_lod.estimate", text="Estimate Sizes", icon="MEMORY")
-        self.bake(context, layout.column(align=True))
+        sizes = sizes_of(scene)
+        self.bake(context, layout.column(align=True), sizes.get("crowd_lod.bake"))
         layout.separator()
         column = layout.column(align=True)
         column.prop(settings, "usd_file")
@@ -300,29 +295,33 @@ class CROWDLOD_PT_hand_over(Step, bpy.types.Panel):
         button(column, "crowd_lod.export_usd", icon="EXPORT")
         if missing_openusd(scene):
             label(column, "This Blender has no OpenUSD", "INFO")
-        elif size := sizes_of(settings).get("crowd_lod.export_usd"):
-            label(column, f"About {size.file}", "FILE")
+        elif size := sizes.get("crowd_lod.export_usd"):
+            label(column, f"Written: {size}", "FILE")
         layout.separator()
         column = layout.column(align=True)
         wide(column, settings, "farm_chunk")
         button(column, "crowd_lod.write_farm_job", icon="NETWORK_DRIVE")
         frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
         tasks = counted(-(-len(frames) // settings.farm_chunk), "task")
-        size = sizes_of(settings).get("crowd_lod.write_farm_job")
-        label(column, f"{tasks}{f', each opens {size.file}' if size else ''}", "FILE")
+        label(column, tasks, "INFO")
+        if size := sizes.get("crowd_lod.write_farm_job"):
+            label(column, f"Written: {size}", "FILE")
 
-    def bake(self, context, layout) -> None:
-        """Draw the button of the bake, gray where it would make the same again."""
+    def bake(self, context, layout, size: str | None) -> None:
+        """Draw the button of the bake, gray where it would make the same again.
+
+        size: of the open file, in words, if it is saved as it is.
+        """
         scene = context.scene
         settings = scene.crowd_lod
         is_baked = steps.builder_of(scene) == "crowd_lod.bake"
         row = layout.row()
         row.enabled = not is_baked or "Bake" in due_steps(scene)
         button(row, "crowd_lod.bake", "Update Bake" if is_baked else "Bake", "FREEZE")
-        if size := sizes_of(settings).get("crowd_lod.bake"):
-            label(layout, f"File {size.file}, {size.memory} in renders", "FILE")
         if is_baked:
             label(layout, _built(settings.build), "CHECKMARK" if not row.enabled else "INFO")
+            if size:
+                label(layout, f"Saved: {size}", "FILE")
         elif settings.build is not None:
             label(layout, "The live build needs Crowd LOD", "INFO")
 

@@ -107,7 +107,7 @@ def export_usd(scene: bpy.types.Scene, request: UsdExport) -> Generator[float, N
         trajectory = trajectory_of(scene)
         library = library_of_poses(scene, trajectory, POSES, request.animated)
         plans, films, unplanned = yield from share(
-            plan_frames(scene, request, library), READY, PLANNED
+            _plan_frames(scene, request, library), READY, PLANNED
         )
         cast = instances_of([*plans.values()])
         with CrowdFile(
@@ -144,7 +144,7 @@ def export_usd(scene: bpy.types.Scene, request: UsdExport) -> Generator[float, N
     )
 
 
-def plan_frames(
+def _plan_frames(
     scene: bpy.types.Scene, request: UsdExport, library: Library
 ) -> Generator[
     float, None, tuple[dict[int, FrameInstances], dict[int, FilmedFrame], list[tuple[int, str]]]

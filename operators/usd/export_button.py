@@ -6,7 +6,7 @@ from pathlib import Path
 import bpy
 
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.format import printable
+from ...crowd_lod.format import byte_size, printable
 from ..blender import scene_data
 from ..blender.operator import Stepwise
 from ..blender.output_folders import output_folder, place_of, with_ending
@@ -37,7 +37,8 @@ class CROWDLOD_OT_export_usd(Stepwise, bpy.types.Operator):
         frames = scene_data.frames_of(scene)
         exported = yield from export_usd(scene, UsdExport(frames, path, settings.usd_animated))
         verdict = plan_verdict(settings, exported.unplanned)
-        return f"{verdict} {exported.sentence} The file is {place_of(path)}."
+        size = byte_size(path.stat().st_size)
+        return f"{verdict} {exported.sentence} The file of {size} is {place_of(path)}."
 
 
 CLASSES = (CROWDLOD_OT_export_usd,)

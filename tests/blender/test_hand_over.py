@@ -1,13 +1,13 @@
-"""Hand Over: what an output needs, how large it will be, and the farm's job from the panel."""
+"""Hand Over: what an output needs, how large it is once it is written, the job from the panel."""
 
 import json
 
 import bpy
 import pytest
+from crowd_lod_extension.crowd_lod.format import byte_size
 from crowd_lod_extension.operators.blender.output_folders import output_folder
 from crowd_lod_extension.operators.hand_over.lacks import lacks_of
 from crowd_lod_extension.operators.hand_over.sizes import sizes_of
-from crowd_lod_extension.operators.render_setup.bake import keep_what_renders
 from crowd_lod_extension.operators.runs.update_all import look_again
 
 from ..support.characters import character, new, tube
@@ -29,33 +29,29 @@ def needed(scene, operator):
     return [lack.operator for lack in lacks_of(scene, operator)]
 
 
-def saved(path):
-    bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True, compress=True)
-    return path
-
-
-def test_each_output_says_what_it_needs_and_how_large_it_will_be(shot, tmp_path):
+def test_each_output_says_what_it_needs_and_once_written_how_large_it_is(shot, tmp_path):
     make, plan = "crowd_lod.make_levels", "crowd_lod.plan_shot"
     assert needed(shot, "crowd_lod.bake") == [make, plan]
     assert needed(shot, JOB) == ["wm.save_mainfile", make]
-    assert not bpy.ops.crowd_lod.write_farm_job.poll() and not sizes_of(shot.crowd_lod)
+    assert not bpy.ops.crowd_lod.write_farm_job.poll() and not sizes_of(shot)
     bpy.ops.crowd_lod.make_levels()
     bpy.ops.crowd_lod.plan_shot()
     assert needed(shot, "crowd_lod.export_usd") == []
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
     assert needed(shot, JOB) == []
-    bpy.ops.crowd_lod.estimate()
-    sizes = sizes_of(shot.crowd_lod)
-    assert sizes["crowd_lod.bake"].memory.endswith("kB")
     bpy.ops.crowd_lod.export_usd()
-    files = {"crowd_lod.export_usd": output_folder(shot, "usd") / "crowd.usdc"}
+    usd = output_folder(shot, "usd") / "crowd.usdc"
+    assert sizes_of(shot)["crowd_lod.export_usd"] == byte_size(usd.stat().st_size)
     bpy.ops.crowd_lod.bake()
-    files["crowd_lod.bake"] = saved(tmp_path / "baked.blend")
-    keep_what_renders(shot)
-    files[JOB] = saved(tmp_path / "task.blend")
-    for operator, path in files.items():
-        expected = float(sizes[operator].file.removesuffix(" kB"))
-        assert path.stat().st_size / 1e3 == pytest.approx(expected, rel=0.25), operator
+    path = tmp_path / "baked.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=True)
+    assert sizes_of(shot)["crowd_lod.bake"] == byte_size(path.stat().st_size)
+    bpy.ops.crowd_lod.write_farm_job()
+    copy = output_folder(shot, "farm") / "baked.blend"
+    size = sizes_of(shot)[JOB]
+    assert size == byte_size(copy.stat().st_size)
+    said = (copy.parent / "README.txt").read_text(encoding="utf-8")
+    assert f"Scene: baked.blend, {size}, " in said
 
 
 def test_a_job_of_the_panel_lies_with_its_scene_and_says_what_it_needs(shot, tmp_path):

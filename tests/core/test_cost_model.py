@@ -11,7 +11,6 @@ import pytest
 from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.levels.cost_model import (
-    FILE,
     MEMORY,
     SECONDS,
     Actors,
@@ -78,7 +77,6 @@ def test_work_is_what_one_counts(known):
         bones=np.array([20, 0]),
         keys=np.array([500, 0]),
         other_keys=60,
-        stored=np.array([900, 80]),
         meshes=np.array([9000, 1000]),
         triangle=np.array([10, 12.5]),
         split=np.array([0, 0.5]),
@@ -102,7 +100,6 @@ def test_work_is_what_one_counts(known):
     assert (work.keys, work.other_keys, work.materials) == (500, 120, 5)
     # group 1 has no rigs: each of its poses is a mesh of its own
     copied = sum(triangles[1, k] for k, n in held if owner[n] == 1)
-    assert (work.stored, work.poses) == (980 + 77 + 5, copied)
     assert work.meshes == pytest.approx(10_000 + 770 + 12.5 * (5 + copied))
     alone = work_of(Actors(triangles, owner, holdings), shown, 0.0, known)
     assert alone.rigs == len(
@@ -116,7 +113,6 @@ def test_work_is_what_one_counts(known):
         # LODs have normals of their own, and half of character 1
         parts = [triangles[owner[n], k] * (1 if k else 0.5 * owner[n]) for k, n in set(agents)]
         assert work.split[f] == sum(parts)
-    assert work.points == (shown.sum() if known else 0)
 
 
 def test_a_price_is_that_of_the_dearest_frame_and_of_the_mean_one():
@@ -128,8 +124,6 @@ def test_a_price_is_that_of_the_dearest_frame_and_of_the_mean_one():
         bones=40.0,
         images=1e6,
         keys=7000.0,
-        stored=50.0,
-        points=9.0,
     )
     own = price(work, CYCLES)
     memory = [
@@ -143,9 +137,8 @@ def test_a_price_is_that_of_the_dearest_frame_and_of_the_mean_one():
     seconds = SECONDS["CYCLES"]
     mean = {"posed": 100, "rigs": 2, "images": 1e6, "unique": 505, "instances": 250.5}
     assert own.seconds == pytest.approx(sum(seconds[name] * count for name, count in mean.items()))
-    stored = {"stored": 50, "bones": 40, "points": 9, "keys": 7000, "crowd": 1}
-    assert own.file == pytest.approx(sum(FILE[name] * count for name, count in stored.items()))
-    assert Price(2.0, 0.0, 3.0).share(Price(4.0, 0.0, 1.5)) == Price(0.5, 1.0, 2.0)
+    assert Price(2.0, 3.0).share(Price(4.0, 1.5)) == Price(0.5, 2.0)
+    assert Price(2.0, 0.0).share(Price(4.0, 0.0)) == Price(0.5, 1.0)
     with pytest.raises(
         CrowdError, match="no costs of the engine WORKBENCH: choose one of CYCLES, EEVEE"
     ):
