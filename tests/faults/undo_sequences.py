@@ -101,8 +101,6 @@ def quicken(scene: bpy.types.Scene, folder: str = "") -> None:
     settings.frames = "1,5"
     settings.width = 64
     settings.verify_count = 1
-    settings.verify_width = 32
-    settings.verify_samples = 1
     settings.output_folder = folder or settings.output_folder
     if settings.characters:
         coarsen(settings)
