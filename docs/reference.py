@@ -13,7 +13,6 @@ from typing import Any
 
 import bpy
 import crowd_lod_extension
-from bl_operators.presets import AddPresetBase
 from crowd_lod_extension.operators import registration
 from crowd_lod_extension.operators.cli.arguments import parser
 from crowd_lod_extension.operators.settings.area_settings import CrowdLodArea
@@ -24,7 +23,6 @@ from crowd_lod_extension.operators.settings.properties import (
     CrowdLodGroup,
     CrowdLodSettings,
 )
-from crowd_lod_extension.operators.ui import panels, shot_panels
 
 DOCS = Path(__file__).parent
 WRITTEN = "Written by `docs/reference.py` from the code: change the code, and run it again."
@@ -102,11 +100,6 @@ def section(title: str, about: str, names: Iterable[str], kind: type) -> str:
 
 def settings_page() -> str:
     """Return the page of the settings and of the operators, which must be registered."""
-    labels = {
-        panel.step: panel.bl_label
-        for panel in (*panels.CLASSES, *shot_panels.CLASSES)
-        if getattr(panel, "step", "")
-    }
     parts = [f"# Settings and operators, for scripts\n\n{WRITTEN}\n"]
     parts += [
         "The settings are properties of `scene.crowd_lod`, in the order of the work.\n"
@@ -115,7 +108,7 @@ def settings_page() -> str:
     for step, kinds in STEPS.items():
         about = " ".join(description(kind) for kind in kinds)
         names = [name for kind in kinds for name in kind.__annotations__]
-        parts.append(section(labels[step], about, names, CrowdLodSettings))
+        parts.append(section(step, about, names, CrowdLodSettings))
     names = [name for kind in CROWD for name in kind.__annotations__]
     parts += [
         section(
@@ -152,22 +145,21 @@ def settings_page() -> str:
 def operators() -> str:
     kinds = [kind for kind in registration.CLASSES if issubclass(kind, bpy.types.Operator)]
     lines = []
-    for kind in (kind for kind in kinds if not issubclass(kind, AddPresetBase)):
+    for kind in kinds:
         own_type = getattr(bpy.ops.crowd_lod, kind.bl_idname.partition(".")[2]).get_rna_type()
         options = [
             f"`{prop.identifier}`: {range_of(prop) or prop.description}"
-            for prop in own_type.properties[1:]
-        ]  # but rna_type
+            for prop in own_type.properties[1:]  # but rna_type
+            if not prop.is_hidden
+        ]
         lines.append(
             f"| `{kind.bl_idname}` | {kind.bl_label} | {description(kind)} | "
             f"{'<br>'.join(options)} |"
         )
-    adding = ", ".join(f"`{kind.bl_idname}`" for kind in kinds if issubclass(kind, AddPresetBase))
     head = "| operator | label | does | properties |\n| --- | --- | --- | --- |"
     about = (
         "Call them as `bpy.ops.crowd_lod.NAME()`. Where one cannot work, it raises a RuntimeError "
-        "that says why. "
-        f"Those of the presets take a `name`: {adding}."
+        "that says why."
     )
     return (
         f"## Operators\n\n{textwrap.fill(about, 100)}\n\n{head}\n" + "\n".join(sorted(lines)) + "\n"

@@ -17,7 +17,7 @@ from .blender import (
 from .characters import characters_from_selection, give_lod, take_action, wardrobe_buttons
 from .cli import commands
 from .hand_over import farm_job
-from .lod_meshes import deviation, make_lods
+from .lod_meshes import make_lods
 from .machine import machine_buttons, machine_settings, map_areas, map_painting, state_machine_menu
 from .overlay import agent_picker, viewport_image, viewport_overlay
 from .render_setup import aovs, buttons, character_images, frame_update
@@ -69,7 +69,6 @@ MODULES = (
     wardrobe_buttons,
     take_action,
     make_lods,
-    deviation,
     preview,
     shot_plan,
     update_all,

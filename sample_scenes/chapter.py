@@ -52,8 +52,6 @@ def make(scene: bpy.types.Scene) -> None:
     settings.ratios[:3] = (1.0, 0.4, 0.12)
     settings.thresholds[:2] = (0.3, 0.6)
     settings.margin_kind = "DERIVED"
-    settings.color = "LOD"
-    settings.above = above
 
 
 def build_ground(scenery: bpy.types.Collection) -> None:

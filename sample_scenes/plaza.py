@@ -63,8 +63,6 @@ def make(scene: bpy.types.Scene) -> None:
     settings.ratios[:3] = (1.0, 0.4, 0.12)
     settings.thresholds[:2] = (0.16, 0.4)
     settings.margin_kind = "DERIVED"
-    settings.color = "LOD"
-    settings.above = None
 
 
 def who_wait(text: str) -> str:

@@ -53,7 +53,6 @@ def make(scene: bpy.types.Scene) -> None:
     settings.step = 20
     settings.width = 960
     settings.margin_kind = "DERIVED"
-    settings.color = "LOD"
     waiting = settings.crowds.add()
     waiting.name = "Waiting"
     waiting.count = 60

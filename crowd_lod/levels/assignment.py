@@ -241,7 +241,7 @@ def deviations(groups: Sequence[Group], policy: LevelPolicy) -> np.ndarray | Non
     if not all(len(group.shaded) >= count for group in groups):
         raise CrowdError(
             "Match Shading needs LODs whose pictures were compared with their characters': press "
-            "Measure LOD Meshes, or Make LOD Meshes."
+            "Make LOD Meshes."
         )
     return np.maximum(
         table, policy.tolerance * np.array([group.shaded[:count] for group in groups])

@@ -14,7 +14,7 @@ from .. import srgb
 from ..format import number
 from ..validation.shaded_pictures import WITHIN
 
-METHODS = {"POSE_AWARE": "Pose-Aware", "DECIMATE": "Decimate"}  # as the sidebar names them
+METHODS = {"POSE_AWARE": "Pose-Aware"}  # as pages name them
 STYLE = """
 :root { color-scheme: light dark; --ink: #1d2026; --dim: #646b78; --paper: #fafbfc; --card: #fff;
   --line: #dde1e7; --best: #2a6fdb }

@@ -42,19 +42,16 @@ def time_of(scene: bpy.types.Scene) -> float:
 
 
 def frames_of(scene: bpy.types.Scene, step: int = 1) -> list[int]:
-    """Return the frames of the shot: those that the settings list, their own range, or the scene's.
+    """Return the frames of the shot: those of the settings, or the scene's.
 
     step: every so many frames of a range.
     """
-    settings = scene.crowd_lod
-    if settings.frames:
-        return parse_frames(settings.frames, step)
-    first, last = (
-        (settings.frame_start, settings.frame_end)
-        if settings.own_frames
-        else (scene.frame_start, scene.frame_end)
-    )
-    return parse_frames(f"{first}:{last}", step)
+    return parse_frames(scene.crowd_lod.frames or range_of(scene), step)
+
+
+def range_of(scene: bpy.types.Scene) -> str:
+    """Return the scene's range of frames as the settings write it: 1:250."""
+    return f"{scene.frame_start}:{scene.frame_end}"
 
 
 def meters(scene: bpy.types.Scene) -> float:

@@ -8,7 +8,7 @@ from ...crowd_lod.format import printable
 from ...crowd_lod.reporting import files
 from ...crowd_lod.validation.render_proof import to_text
 from ..runs.preview import in_sight, preview, verdict_in
-from ..runs.preview_stage import COLOR_MODES, Preview, color_of
+from ..runs.preview_stage import COLOR_MODES, ENGINES, Preview
 from ..runs.verify import Verify, verify
 from ..runs.verify_build import frames_to_verify
 from . import shared_runs
@@ -44,17 +44,19 @@ def add_preview(commands, program: str) -> None:
     add_setting(command, "--tolerance", "tolerance", "PX")
     add_setting(command, "--width", "width", "PIXELS")
     add_strict_plan(command)
-    add_setting(command, "--engine", "engine")
+    command.add_argument(
+        "--engine",
+        choices=[name.lower() for name in ENGINES],
+        default="workbench",
+        help="what draws the pictures: overlay as the viewport does, by far the fastest (default: "
+        "workbench)",
+    )
     command.add_argument(
         "--color",
         choices=choices_of("overlay_color"),
+        default="lod",
         help="colors of the characters; state, group and reason need --engine overlay (default: "
-        "the scene's)",
-    )
-    command.add_argument(
-        "--no-lod-pictures",
-        action="store_true",
-        help="leave out the measured silhouettes and the pictures of the LODs",
+        "lod)",
     )
 
 
@@ -70,8 +72,20 @@ def add_verify(commands, program: str) -> None:
     )
     _add_shot(command, program)
     add_out(command, "DIR", "the folder for pictures and tables (default: SCENE_verify)")
-    add_setting(command, "--width", "verify_width", "PIXELS")
-    add_setting(command, "--samples", "verify_samples", "N")
+    command.add_argument(
+        "--width",
+        type=int,
+        default=Verify.width,
+        metavar="PIXELS",
+        help=f"width of the pictures that are compared (default: {Verify.width})",
+    )
+    command.add_argument(
+        "--samples",
+        type=int,
+        default=Verify.samples,
+        metavar="N",
+        help=f"samples of each pixel that are rendered (default: {Verify.samples})",
+    )
     add_strict_plan(command)
     command.add_argument(
         "--bounces",
@@ -109,16 +123,14 @@ def preview_shot(args) -> dict:
     """Run the command preview."""
     scene = open_shot(args)
     settings = scene.crowd_lod
-    if args.no_lod_pictures:
-        settings.lod_pictures = False
     stem = stem_of(args)
     folder = files.absolute(args.out or Path(f"{stem}_preview"))
     request = Preview(
         frames=frames_of_shot(args, scene, settings.step),
         folder=folder,
         width=settings.width,
-        engine=settings.engine,
-        color=_color(args, settings),
+        engine=args.engine.upper(),
+        color=_color(args),
         strict=args.strict,
     )
     sharing = shared_runs.sharing_of(args, scene, folder, request.frames)
@@ -134,16 +146,13 @@ def preview_shot(args) -> dict:
     }
 
 
-def _color(args, settings) -> str:
-    """Return the color that the command gives, or else the settings'.
-
-    CrowdError if the engine has no such color.
-    """
-    color = args.color.upper() if args.color else color_of(settings)
-    if settings.engine != "OVERLAY" and color not in COLOR_MODES:
+def _color(args) -> str:
+    """Return the color that the command gives; CrowdError if the engine does not have it."""
+    color = args.color.upper()
+    if args.engine != "overlay" and color not in COLOR_MODES:
         raise CrowdError(
-            f"The engine {settings.engine.lower()} has no color {color.lower()}: take --engine "
-            f"overlay, or --color lod, material or error."
+            f"The engine {args.engine} has no color {args.color}: take --engine overlay, or "
+            f"--color lod, material or error."
         )
     return color
 
@@ -157,6 +166,8 @@ def _summary(plan: dict) -> str:
 
 def verify_shot(args) -> dict:
     """Run the command verify."""
+    check_range("--width", args.width, 16, 8192)
+    check_range("--samples", args.samples, 1, 4096)
     check_range("--bounces", args.bounces, 0, 64)
     scene = open_shot(args)
     settings = scene.crowd_lod
@@ -165,8 +176,8 @@ def verify_shot(args) -> dict:
     request = Verify(
         frames=frames if args.frames is not None else frames_to_verify(scene, frames),
         folder=files.absolute(args.out or Path(f"{stem}_verify")),
-        width=settings.verify_width,
-        samples=settings.verify_samples,
+        width=args.width,
+        samples=args.samples,
         bounces=args.bounces,
         strict=args.strict,
     )

@@ -12,7 +12,7 @@ from ...crowd_lod.simplification import triangle_mesh
 from ...crowd_lod.simplification.decimate import LodMesh
 from ..blender import mesh_data
 from .source_mesh import KEY, NORMALS, Source, offset_of, positions, read_attributes
-from .uv_charts import Place, charting, charts_of, choose_charts, locate, unique_rows
+from .uv_charts import Place, charts_of, choose_charts, locate, unique_rows
 
 MOST_INFLUENCES = 4  # bones that a vertex of a LOD follows
 # A corner finds its side of a seam or sharp edge from a point this part of the way to the center of
@@ -199,51 +199,6 @@ def _shading(source: Source, result: LodMesh, chart: np.ndarray, normals: np.nda
     shared = unit(np.stack([np.bincount(vertex, x) for x in fitted.T], axis=1))[vertex]
     is_sharp = np.linalg.norm(shared - fitted, axis=1, keepdims=True) > ALIKE
     return np.where(is_sharp, fitted, shared)
-
-
-def shade(mesh: bpy.types.Mesh, source: Source) -> Generator[None, None, None]:
-    """Give a mesh from Blender's Decimate better normals than those that Decimate has mixed.
-
-    With few triangles they are fitted to each. With many triangles mixed normals are worse than
-    none: they stay only where the source had custom normals. Yields between the steps.
-    """
-    if NORMALS not in mesh.attributes:
-        return
-    points, triangles, corners, _ = mesh_data.read_triangles(mesh)
-    if len(triangles) <= FEW:
-        yield from charting(source)
-        normals = read_attributes(source.mesh)[NORMALS][2]
-        values = np.empty((len(mesh.loops), 3), np.float32)
-        shading = partial(_decimated_normals, source, points, triangles, normals)
-        values[corners.ravel()] = yield from aside(shading)
-        write_attribute(mesh, NORMALS, "CORNER", "FLOAT_VECTOR", values)
-    elif not source.custom_normals:
-        mesh.attributes.remove(mesh.attributes[NORMALS])
-
-
-def _decimated_normals(
-    source: Source, points: np.ndarray, triangles: np.ndarray, normals: np.ndarray
-) -> np.ndarray:
-    """Return normals (3 m, 3) of the corners of a mesh from Blender's Decimate.
-
-    points: (n, 3); triangles: (m, 3); normals: (loops, 3) of the source's corners.
-    """
-    result = LodMesh(points, triangles, nearest_vertices(source, points))
-    chart, _ = choose_charts(source, result)
-    return _shading(source, result, chart, normals)
-
-
-def nearest_vertices(source: Source, points: np.ndarray) -> np.ndarray:
-    """The source's vertices (n,) nearest to points (n, 3).
-
-    Each is a corner of the triangle that the point is nearest to.
-    """
-    _, hit, _ = source.surface.nearest(points)
-    corner = source.geometry[1][hit]
-    return corner[
-        np.arange(len(hit)),
-        np.linalg.norm(source.geometry[0][corner] - points[:, None], axis=2).argmin(axis=1),
-    ]
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:

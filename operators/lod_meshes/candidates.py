@@ -31,7 +31,16 @@ from ..machine.scene_world import actions_named
 from . import source_mesh as sources
 from .deviation import Measure, compare
 from .given_objects import copy_given, read_given
-from .level_objects import AS_MADE, WAY, WHY, discard, hash_made, make_object, share_object
+from .level_objects import (
+    AS_MADE,
+    UNMEASURED_LEAST,
+    WAY,
+    WHY,
+    discard,
+    hash_made,
+    make_object,
+    share_object,
+)
 from .measurements import OFTEN_LOST, Measurements
 from .pose_deformation import skin_of
 from .search import Search
@@ -65,7 +74,7 @@ MOST_GOALS = 100  # whose measurements are kept
 LEAST_TRIANGLES = 300  # a character of fewer needs no LOD, and is not worth a search
 FOLLOWING = 0.5  # by distance, the LOD after a given one has at most this part of its triangles
 DIGITS = 12  # of a hash: as many as a goal can hold
-VERSION = 27  # of the code that makes LOD meshes: with another one they are made anew
+VERSION = 28  # of the code that makes LOD meshes: with another one they are made anew
 
 
 def _untouched(home: bpy.types.Collection) -> bool:
@@ -117,7 +126,6 @@ class Ladder:
         actions = actions_named(settings.id_data, name)
         self.name = name
         self.objects = objects
-        self.method = settings.method
         self.searched = settings.choice == "BY_TOLERANCE"
         self.goals = [0.0] if self.searched else ratios
         self.looks = Looks() if self.searched and settings.shading_counts else None
@@ -127,7 +135,7 @@ class Ladder:
         self.sources: list[sources.Source] = []
         self.homes: dict[float, bpy.types.Collection] = {}
         self.new_homes: dict[float, bpy.types.Collection] = {}
-        self.judge = Measure(name, objects, actions, settings.hidden_surface_counts)
+        self.judge = Measure(name, objects, actions)
         self.artists = given
         self.given: dict[float, GivenLod] = {}
         self.counts: dict[float, tuple[int, int]] = {}
@@ -154,11 +162,9 @@ class Ladder:
         self.digest = text_digest(
             digests,
             self.goals,
-            self.method,
             VERSION,
             *["shading"] * bool(self.looks),
             *actions,
-            self.judge.hidden_counts,
         )
         meshes = [source for source in self.sources if source.mesh]
         triangles = [len(source.mesh.loops) - 2 * len(source.mesh.polygons) for source in meshes]
@@ -308,7 +314,7 @@ class Ladder:
             if is_whole and source.item.type == "MESH":
                 parts.append(share_object(source))
             else:
-                steps = make_object(source, goal or 1.0, self.method)
+                steps = make_object(source, goal or 1.0, UNMEASURED_LEAST)
                 parts.append((yield from standing(steps, number / len(self.sources))))
         items, vertices, triangles = zip(*parts, strict=True)
         self._keep(goal, self.objects, items)
@@ -328,16 +334,14 @@ class Ladder:
         """Search for the LOD that deviates by `length` at most."""
         if self.search is None:
             yield from self._read_skins()
-            self.search = Search(self.sources, self.method, make_object, self.judge)
+            self.search = Search(self.sources, make_object, self.judge)
         triangles = self.measured.guess_triangles([length], OFTEN_LOST)[0]
         ratio = triangles / self.measured.value(0.0, "triangles")
         tries, deviation = yield from self.search.find(length, ratio)
         for attempt, source in zip(tries, self.sources, strict=True):
             if WHY in attempt.item and 0.0 < attempt.ratio < 1.0:
-                name = "Pose-Aware" if attempt.method == "POSE_AWARE" else "Decimate Modifier"
                 reason = (
-                    f"{name}: the fewest triangles of those tried that deviate no more than "
-                    f"agents allow."
+                    "The fewest triangles of those tried that deviate no more than agents allow."
                 )
                 attempt.item[WHY] = " ".join([reason, *source.notes])
         self._keep(length, self.objects, [attempt.item for attempt in tries])

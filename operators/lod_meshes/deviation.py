@@ -9,17 +9,14 @@ from mathutils.kdtree import KDTree
 
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.format import counted
 from ...crowd_lod.progress import aside, share, standing
 from ...crowd_lod.simplification.distance_estimate import estimate_distances
 from ..blender.material_colors import Looks
 from ..blender.named_actions import performance_of
-from ..blender.operator import Stepwise
 from ..blender.performance import Performance
 from ..characters.stored_groups import groups_of, store_groups
 from ..machine.scene_world import actions_named
 from ..scene.scene_crowd import characters_of, home_of
-from ..settings import needs
 from .pose_choice import choose_poses
 from .posed_shapes import Posed, Shape, read_shapes, surface_of
 from .posed_surface import Measured, PosedSurface, Worst, compare_surfaces, parts_of
@@ -59,7 +56,6 @@ class Measure:
     name: of the group.
     objects: the character's.
     actions: that states name, besides its own.
-    hidden_counts: whether surface that nobody sees counts as well.
     frames: the poses, moments of the performance; further ones are added as they are found.
     """
 
@@ -68,12 +64,10 @@ class Measure:
         name: str,
         objects: Sequence[bpy.types.Object],
         actions: Sequence[str] = (),
-        hidden_counts: bool = False,
     ):
         self.name = name
         self.objects = objects
         self.character = None
-        self.hidden_counts = hidden_counts
         self._levels: dict[tuple[int, ...], PosedSurface] = {}
         self.worst: Worst | None = None  # of the LOD that was measured last
         self.performance = performance_of(name, list(objects), actions)
@@ -107,7 +101,7 @@ class Measure:
                 f"modifiers."
             )
         self.diagonal = max(diagonals)
-        surfacing = aside(lambda: PosedSurface(shapes, self.hidden_counts))
+        surfacing = aside(lambda: PosedSurface(shapes))
         self.character = yield from standing(surfacing, 0.4)
         # it takes most of the time
         yield from standing(aside(lambda: self.character.visible), 0.5)
@@ -194,7 +188,7 @@ class Measure:
         """
         yield from share(self.read(), 0.0, 0.2)
         shapes = yield from share(read_shapes(objects, self.frames, self.performance), 0.2, 0.4)
-        surfacing = aside(lambda: PosedSurface(shapes, self.hidden_counts, self.character))
+        surfacing = aside(lambda: PosedSurface(shapes, self.character))
         lod = yield from standing(surfacing, 0.4)
         self._levels[_key(objects)] = lod
         comparing = aside(lambda: compare_surfaces(self.character, lod, self.frames))
@@ -282,14 +276,13 @@ def measure(
     objects: Sequence[bpy.types.Object],
     levels: Sequence[Sequence[bpy.types.Object]],
     actions: Sequence[str] = (),
-    hidden_counts: bool = False,
 ) -> Generator[float, None, Group]:
     """Measure the LODs of `group`; yields the progress, 0 to 1.
 
-    objects: the character's; levels: those of each LOD; actions, hidden_counts: see Measure.
+    objects: the character's; levels: those of each LOD; actions: see Measure.
     Returns the group with deviations and bounds.
     """
-    by = Measure(group.name, objects, actions, hidden_counts)
+    by = Measure(group.name, objects, actions)
     rows = []
     for k, level in enumerate(levels):
         rows.append(
@@ -370,9 +363,7 @@ def measure_levels(scene: bpy.types.Scene) -> Iterator[float]:
             )
         meshes = meshes_of(settings.levels, g, name)
         actions = actions_named(scene, name)
-        steps = measure(
-            group_by_name[name], objects, meshes, actions, settings.hidden_surface_counts
-        )
+        steps = measure(group_by_name[name], objects, meshes, actions)
         measured_group = yield from share(steps, g / len(characters), (g + 1) / len(characters))
         if settings.shading_counts:
             appearance = Looks()
@@ -386,23 +377,3 @@ def measure_levels(scene: bpy.types.Scene) -> Iterator[float]:
             measured_group = replace(measured_group, shaded=tuple(shaded))
         measured.append(measured_group)
     store_groups(settings, tuple(measured))
-
-
-class CROWDLOD_OT_measure_levels(Stepwise, bpy.types.Operator):
-    """Measure each LOD's deviation again, after you have edited LOD meshes"""
-
-    bl_idname = "crowd_lod.measure_levels"
-    bl_label = "Measure LOD Meshes"
-    needs = (
-        needs.crowd,
-        needs.lods,
-    )
-
-    def work(self, scene: bpy.types.Scene) -> Generator[float, None, str]:
-        yield from measure_levels(scene)
-        return (
-            f"The LODs of {counted(len(scene.crowd_lod.groups), 'character group')} are measured."
-        )
-
-
-CLASSES = (CROWDLOD_OT_measure_levels,)

@@ -1,14 +1,19 @@
 """Objects of a LOD: made from a character's, with what moves and colors them."""
 
+import time as clock
 from collections.abc import Generator, Sequence
+from dataclasses import dataclass
 
 import bpy
 
+from ...crowd_lod.progress import aside, steps_aside
+from ...crowd_lod.simplification.decimate import decimating
 from ..blender import mesh_data, removal
 from ..blender.animation import armatures_of
 from ..blender.ownership import OWNED
-from . import attribute_transfer, methods
+from . import attribute_transfer
 from . import source_mesh as sources
+from .uv_charts import charting
 
 # LOD 0 red, 1 green, 2 blue, as in the chapter's figure 1.5; then colors that stay apart for
 # color-blind eyes (Okabe and Ito), and white. Linear RGB.
@@ -29,6 +34,11 @@ WAY = "crowd_lod_method"
 WHY = "crowd_lod_why"
 MILLISECONDS = "crowd_lod_ms"
 GIVEN = "crowd_lod_given"  # an artist made the LOD
+# Triangles that an object keeps: with fewer a rod becomes flat, and shows nothing from some sides.
+# A search measures whether it shows, and makes it finer; by distance nobody does.
+LEAST = 10
+UNMEASURED_LEAST = 14
+MISSED = 1.1  # a LOD with as many times the triangles asked for gets a sentence that says why
 
 
 def hash_made(item: bpy.types.Object) -> str:
@@ -47,13 +57,28 @@ def hash_made(item: bpy.types.Object) -> str:
     return sources.digest(item.data, weights, appearance, item.vertex_groups.keys())
 
 
-def make_object(
-    source: sources.Source, ratio: float, method: str
-) -> Generator[None, None, tuple[bpy.types.Object, int, int]]:
-    """Make the object of a LOD with about `ratio` of its triangles.
+@dataclass
+class _Made:
+    """A LOD's mesh (its caller's to remove).
 
-    method: AUTO, POSE_AWARE or DECIMATE. An object without faces is copied, with the character's
-    data. At a ratio of 0 the LOD's object has no face.
+    weights: as read_weights gives them; method: POSE_AWARE or WHOLE; why: a sentence, or "";
+    milliseconds: that it took to make.
+    """
+
+    mesh: bpy.types.Mesh
+    weights: sources.Weights
+    method: str
+    why: str
+    milliseconds: float
+
+
+def make_object(
+    source: sources.Source, ratio: float, least: int = LEAST
+) -> Generator[None, None, tuple[bpy.types.Object, int, int]]:
+    """Make the object of a LOD with about `ratio` of its triangles, `least` of them at least.
+
+    An object without faces is copied, with the character's data. At a ratio of 0 the LOD's object
+    has no face.
     Yields between its steps. Returns the object, in no collection, and its (vertices, triangles).
     """
     item = source.item
@@ -61,24 +86,60 @@ def make_object(
         return share_object(source)
     if not ratio:
         return _leave_out(item)
-    way = yield from methods.make(source, ratio, method, item.name)
+    made = yield from _make_mesh(source, max(ratio, least / max(len(source.geometry[1]), 1)))
     yield
-    copy = copy_object(item) if item.type == "MESH" else _stand_in(item, way.mesh)
+    copy = copy_object(item) if item.type == "MESH" else _stand_in(item, made.mesh)
     for modifier in list(copy.modifiers):
         if modifier.type not in sources.FOLLOWED:
             copy.modifiers.remove(modifier)
-    copy.data = way.mesh
+    copy.data = made.mesh
     for slot in copy.material_slots:
         slot.link = "DATA"
-    attribute_transfer.set_weights(copy, source.groups, _rigs(item, source.groups), way.weights)
+    attribute_transfer.set_weights(copy, source.groups, _rigs(item, source.groups), made.weights)
     yield
-    attribute_transfer.set_normals(way.mesh)
+    attribute_transfer.set_normals(made.mesh)
     attribute_transfer.set_keys(copy, source)
-    attribute_transfer.mark_active(way.mesh, source.mesh)
-    copy[WAY] = way.method
-    copy[WHY] = " ".join([way.why, *source.notes])
-    copy[MILLISECONDS] = way.milliseconds
-    return copy, len(way.mesh.vertices), _triangles(way.mesh)
+    attribute_transfer.mark_active(made.mesh, source.mesh)
+    copy[WAY] = made.method
+    copy[WHY] = " ".join(filter(None, [made.why, *source.notes]))
+    copy[MILLISECONDS] = made.milliseconds
+    return copy, len(made.mesh.vertices), _triangles(made.mesh)
+
+
+def _make_mesh(source: sources.Source, ratio: float) -> Generator[None, None, _Made]:
+    """Make the mesh of about `ratio` of the source's triangles.
+
+    Edges collapse by quadrics, which loses attributes: they are carried over. Yields between its
+    steps and returns what was made.
+    """
+    name = source.item.name
+    triangles = source.geometry[1]
+    wanted = round(ratio * len(triangles))
+    if wanted >= len(triangles):
+        mesh = source.mesh.copy()
+        mesh.name = name
+        why = f"It keeps all of its {len(triangles):,} triangles."
+        return _Made(mesh, source.weights, "WHOLE", why, 0.0)
+    start = clock.perf_counter()
+    charts = yield from charting(source)
+    telling = yield from aside(lambda: source.telling)
+    about = charts.seams, telling, source.share, source.weight
+    result = yield from steps_aside(decimating(source.geometry[:2], ratio, name, *about))
+    spent = clock.perf_counter() - start
+    yield
+    start = clock.perf_counter()
+    mesh = yield from attribute_transfer.dress(name, result, source)
+    mesh.validate()
+    yield
+    weights = attribute_transfer.weights_of(result, source)
+    milliseconds = 1000 * (spent + clock.perf_counter() - start)
+    why = ""
+    if len(mesh.polygons) > MISSED * wanted:
+        why = (
+            f"It has {len(mesh.polygons):,} triangles, not {wanted:,}: with fewer, loose parts of "
+            f"the mesh would be lost."
+        )
+    return _Made(mesh, weights, "POSE_AWARE", why, milliseconds)
 
 
 def _leave_out(item: bpy.types.Object) -> tuple[bpy.types.Object, int, int]:

@@ -27,7 +27,7 @@ from ..sources.record_points import with_record
 from . import selection
 from .candidates import CANDIDATE, Ladder
 from .level_objects import TINTS
-from .made_for import inputs_of, note_shot
+from .made_for import inputs_of, note_inputs
 from .workload import BEGUN, Workload
 
 
@@ -92,7 +92,7 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
     try:
         work = Workload()
         ladders, groups, shots = yield from _read_characters(scene, characters, earlier, work)
-        choice, guesses = yield from _choose(scene, ladders, groups, shots, work)
+        choice = yield from _choose(scene, ladders, groups, shots, work)
         homes, edited = yield from _make_missing(ladders, choice.keep, earlier, work)
         is_done = True
     finally:
@@ -108,7 +108,7 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
         scene_data.let_go(scene, "levels")
     _show_nowhere(scene, top)
     settings.dropped = "\n".join(_describe_dropped(ladders, choice.dropped))
-    note_shot(scene, guesses, shots, choice.keep, made_for)
+    note_inputs(scene, made_for)
     settings.memory_tolerance = choice.tolerance
     settings.memory_made = settings.memory
     settings.estimate = ""
@@ -212,12 +212,11 @@ def _choose(
     """Choose LODs, some by what is guessed of them; yields the progress.
 
     One that was chosen by a guess is measured, and all are chosen again, until all that are chosen
-    are measured. Returns the choice, and the groups with values of all their candidates.
+    are measured. Returns the choice.
     """
     settings = scene.crowd_lod
     limits = selection.Limits(settings.tolerance, settings.memory, budget_of(settings))
     choice = None
-    guesses = []
     missing = True
     while missing:
         usual = [lost for ladder in ladders for lost in ladder.measured.lost()]
@@ -253,7 +252,7 @@ def _choose(
         work.left += sum(ladder.costs.look for ladder in ladders)
         for ladder, k in missing[:1]:  # it says more of the others
             yield from work.take(ladder.measure(ladder.goals[k]), ladder.costs.make)
-    return choice, guesses
+    return choice
 
 
 def _make_missing(

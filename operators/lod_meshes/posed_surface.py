@@ -38,12 +38,9 @@ class PosedSurface:
     source: the character, if this is a LOD.
     """
 
-    def __init__(
-        self, shapes: Sequence[Shape], hidden_counts: bool, source: "PosedSurface | None" = None
-    ):
+    def __init__(self, shapes: Sequence[Shape], source: "PosedSurface | None" = None):
         self.shapes = shapes
         self.runs = []
-        self.hidden_counts = hidden_counts
         self.source = source
         self._surfaces: dict[tuple[int, ...], Merged | None] = {}
         self._samples: dict[int, thin_parts.Samples] = {}
@@ -74,10 +71,10 @@ class PosedSurface:
     def _visible(self, run: list[int]) -> np.ndarray:
         """Return which points count, (n,) bool: those seen, or nearest to such of the source."""
         first = self.shapes[run[0]]
-        if self.source is not None and not self.hidden_counts:
+        if self.source is not None:
             return self.source.counts_nearest(run[0], first.points)
         whole = merge([self.shapes[k].points for k in run], first.triangles)
-        if whole is None or self.hidden_counts:
+        if whole is None:
             return np.ones(len(first.points), bool)
         moving = whole.moving
         seen = visible_points(moving.points, moving.triangles, first.hiding[whole.with_area])

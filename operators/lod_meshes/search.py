@@ -17,8 +17,7 @@ from ...crowd_lod.levels.lengths import read_curve
 from ...crowd_lod.progress import aside, share, standing
 from .deviation import Estimate, Measure
 from .dispensable import find_dispensable
-from .level_objects import discard
-from .methods import LEAST
+from .level_objects import LEAST, discard
 from .source_mesh import Source
 
 LEFT = 0.1  # part of a search that is left after the first measurement of the whole, on average
@@ -30,8 +29,6 @@ ROUNDS = 5  # tries of a length, at most, before the whole is measured
 SAFE = 1.0, 1.0, 1.0, 1.3, 2.6
 CLOSE = 0.92  # a LOD that deviates by this part of the length is not made coarser
 AIM = 0.96  # part of the length that tries aim at, between CLOSE and 1
-# A LOD by Decimate is usually this many times as far off as one by Pose-Aware of as many triangles.
-USUALLY = 1.3
 # A try has at least STEP, at most MOST_STEP times as many triangles as those before, or as few. In
 # between earlier tries it differs by WIDE at most.
 STEP = 1.08
@@ -46,27 +43,23 @@ HEAVIER = 8.0
 # What stands in for objects left out may be off by this part of the length at least.
 NEAREST = 0.1
 BELOW = 1e-9  # a division by less says nothing
-# By preference. Decimate is far quicker: its tries guide the first one of Pose-Aware.
-METHODS = "POSE_AWARE", "DECIMATE"
-WORTH = {"POSE_AWARE": 1.0, "DECIMATE": 1.1}  # cost of a triangle: Pose-Aware keeps UV seams
 
 Figures = tuple[float, float, float, float]  # see Measure.level
-Make = Callable[[Source, float, str], Generator[Any, None, tuple[bpy.types.Object, int, int]]]
+Make = Callable[[Source, float], Generator[Any, None, tuple[bpy.types.Object, int, int]]]
 
 
 @dataclass(eq=False)
 class Try:
     """An object of a LOD that was made.
 
-    item: it; vertices, triangles: how many it has; method, ratio: how it was made; weighed: whether
-    spots were heavier; deviation: meters, as estimated.
+    item: it; vertices, triangles: how many it has; ratio: the part of the triangles asked for;
+    weighed: whether spots were heavier; deviation: meters, as estimated.
     away: (n,) meters, that of each vertex of the source; poses: in how many.
     """
 
     item: bpy.types.Object
     vertices: int
     triangles: int
-    method: str
     ratio: float
     weighed: bool = False
     deviation: float = 0.0
@@ -75,9 +68,7 @@ class Try:
 
     @property
     def reachable(self) -> float:
-        """Return the deviation but for a few spots, if these can be mended."""
-        if self.method != "POSE_AWARE":
-            return self.deviation
+        """Return the deviation but for a few spots, which can be mended."""
         return min(float(np.quantile(self.away, 1 - FEW_SPOTS)), self.deviation)
 
     @property
@@ -85,18 +76,13 @@ class Try:
         """Return about the deviation of a LOD with as many triangles, whose spots are heavier."""
         return float(np.sqrt(self.reachable * self.deviation))
 
-    @property
-    def comparable_triangles(self) -> float:
-        """Return the triangles as they compare with those of the other method."""
-        return self.triangles * WORTH[self.method]
-
 
 @dataclass
 class Curve:
     """What is known of an object's LODs.
 
     source: the object's.
-    known_tries: of each method.
+    known_tries: of all lengths.
     tries: those of this length, whose objects are still there.
     weighed: whether spots are heavier, for this length.
     dispensable: whether its LODs leave the object out.
@@ -105,9 +91,7 @@ class Curve:
     """
 
     source: Source
-    known_tries: dict[str, list[Try]] = field(
-        default_factory=lambda: {method: [] for method in METHODS}
-    )
+    known_tries: list[Try] = field(default_factory=list)
     tries: list[Try] = field(default_factory=list)
     weighed: bool = False
     dispensable: bool = False
@@ -118,33 +102,27 @@ class Curve:
         """How many triangles the source has."""
         return len(self.source.geometry[1]) if self.source.mesh else 0
 
-    def ratio_for(self, method: str, length: float, about: float) -> float:
-        """Return the part of the triangles with which the method's LOD deviates by `length`.
+    def ratio_for(self, length: float) -> float:
+        """Return the part of the triangles with which a LOD deviates by `length` meters.
 
-        length: meters; about: the part if nothing is known.
+        Some try must be known.
         """
-        pairs = self._measured_pairs(method, length)
-        all_pairs = [pair for other in METHODS for pair in self._measured_pairs(other, length)]
-        ratio = about
-        if pairs:
-            ratio = float(read_curve([AIM * length], pairs, -1.0)[0])
-        elif all_pairs:
-            other = float(read_curve([AIM * USUALLY * length], all_pairs, -1.0)[0])
-            ratio = (about * other) ** 0.5
-        if all_pairs:  # a try with all triangles would tell nothing: go half the way there at most
-            ratio = min(ratio, max(part for _, part in pairs or all_pairs) ** 0.5)
+        pairs = self._measured_pairs(length)
+        ratio = float(read_curve([AIM * length], pairs, -1.0)[0])
+        # a try with all triangles would tell nothing: go half the way there at most
+        ratio = min(ratio, max(part for _, part in pairs) ** 0.5)
         return min(max(ratio, LEAST / max(self.count, 1)), 1.0)
 
-    def _measured_pairs(self, method: str, length: float) -> list[tuple[float, float]]:
-        """Return (meters, part of the triangles) of a method's tries.
+    def _measured_pairs(self, length: float) -> list[tuple[float, float]]:
+        """Return (meters, part of the triangles) of the known tries.
 
         Those that deviate far less than `length` count as if it were a little less.
         """
         least = length / MOST_STEP
-        tries = [attempt for attempt in self.known_tries[method] if attempt.deviation > least]
+        tries = [attempt for attempt in self.known_tries if attempt.deviation > least]
         return [
             (max(attempt.deviation if self.weighed else attempt.likely, least), attempt.ratio)
-            for attempt in tries or self.known_tries[method]
+            for attempt in tries or self.known_tries
         ]
 
     def best(self, length: float) -> Try:
@@ -152,7 +130,7 @@ class Curve:
         fitting = [attempt for attempt in self.tries if attempt.deviation <= length]
         if not fitting:
             return min(self.tries, key=lambda attempt: attempt.deviation)
-        return min(fitting, key=lambda attempt: attempt.comparable_triangles)
+        return min(fitting, key=lambda attempt: attempt.triangles)
 
     def weigh_spots(self, length: float) -> float:
         """Let the places of the last try that are too far off weigh more, if they are few.
@@ -171,26 +149,21 @@ class Curve:
         self.weighed = True
         return last.ratio
 
-    def next_tries(
-        self, methods: Sequence[str], length: float, about: float
-    ) -> list[tuple[str, float]]:
-        """Return (method, ratio) of what to try next; [] if the best try will do."""
+    def next_try(self, length: float, about: float) -> float | None:
+        """Return the ratio to try next; None if the best try will do.
+
+        length: meters; about: the ratio if nothing is known.
+        """
         if self.dispensable or not self.count:
-            return [] if self.tries else [(methods[0], 0.0 if self.dispensable else 1.0)]
-        if not any(self.known_tries.values()):
-            return [(methods[-1], about)]
-        untried = [method for method in methods if not self.known_tries[method]]
-        if self.tries and not untried and CLOSE * length <= self.best(length).deviation <= length:
-            return []
-        ratios = {method: self.ratio_for(method, length, about) for method in methods}
-        best = min(methods, key=lambda method: ratios[method] * WORTH[method])
-        if not untried and best == "POSE_AWARE" and self.tries:
-            ratios[best] = self.weigh_spots(length) or ratios[best]
-        return [
-            (method, ratio)
-            for method in untried or [best]
-            if (ratio := self._apart(method, ratios[method], length))
-        ]
+            whole = 0.0 if self.dispensable else 1.0
+            return None if self.tries else whole
+        if not self.known_tries:
+            return about
+        if not self.tries:
+            return self.ratio_for(length)
+        if CLOSE * length <= self.best(length).deviation <= length:
+            return None
+        return self._apart(self.weigh_spots(length) or self.ratio_for(length), length)
 
     def bring_back(self) -> None:
         """Let LODs of this length have the object that those before left out."""
@@ -205,16 +178,12 @@ class Curve:
         self.source.weight = None
         self.weighed = False
 
-    def _apart(self, method: str, ratio: float, length: float) -> float:
-        """Return `ratio`, or a greater one if it was tried; 0 if there is nothing to try."""
-        tried = [
-            attempt.ratio
-            for attempt in self.tries
-            if attempt.method == method and attempt.weighed == self.weighed
-        ]
+    def _apart(self, ratio: float, length: float) -> float | None:
+        """Return `ratio`, or a greater one if it was tried; None if there is nothing to try."""
+        tried = [attempt.ratio for attempt in self.tries if attempt.weighed == self.weighed]
         if any(ratio / STEP < other < ratio * STEP for other in tried):
             if self.best(length).deviation <= length or max(tried) == 1.0:
-                return 0.0
+                return None
             nearest = min(attempt.reachable for attempt in self.tries)
             return min(1.0, max(tried) * min(max(nearest / length, STEP**2), WIDE))
         return ratio
@@ -224,15 +193,13 @@ class Search:
     """The search of one character's LODs, which learns from each.
 
     sources: the character's objects.
-    method: AUTO, POSE_AWARE or DECIMATE.
-    make: makes an object of a source with a ratio and a method, and yields between its steps.
+    make: makes an object of a source with a ratio, and yields between its steps.
     by: what measures the LODs.
     """
 
-    def __init__(self, sources: Sequence[Source], method: str, make: Make, by: Measure):
+    def __init__(self, sources: Sequence[Source], make: Make, by: Measure):
         self.make = make
         self.by = by
-        self.methods = METHODS if method == "AUTO" else (method,)
         self.curves = [Curve(source) for source in sources]
         self.nearness = 1.0  # see NEAREST
 
@@ -319,13 +286,12 @@ class Search:
             for other in self.curves[number].tries:
                 if other.poses < len(self.by.frames):  # others are as much farther off there, about
                     other.deviation *= worst.deviation / max(before[number], aim / MOST_STEP)
-                if other.method == worst.method and other.ratio < worst.ratio:
+                if other.ratio < worst.ratio:
                     other.deviation = max(other.deviation, worst.deviation)
 
     def _whole(self) -> Generator[float, None, list[Try]]:
         """Make the objects of the character itself, as no LOD fits."""
-        made = yield from self._try([[(self.methods[0], 1.0)] for _ in self.curves], 1.0)
-        return [attempt for (attempt,) in made]
+        return (yield from self._try([1.0] * len(self.curves), 1.0))
 
     def _fit(self, length: float, about: float) -> Generator[float, None, None]:
         """Try until each object's best try deviates by about `length`, as estimated.
@@ -335,28 +301,24 @@ class Search:
         for k in range(ROUNDS):
             tried, estimated = (1 - LEFT_OF_ROUND ** (k + part) for part in (0.15, 0.6))
             near = length * self.nearness
-            plans = [curve.next_tries(self.methods, near, about) for curve in self.curves]
-            # each object by one method at a time
-            for number in range(max(map(len, plans))):
-                attempts = yield from self._try(
-                    [tries[number : number + 1] for tries in plans], tried
-                )
-                objects = [
-                    new[0] if new else curve.best(near)
-                    for new, curve in zip(attempts, self.curves, strict=True)
-                ]
-                yield from standing(self.by.read(), tried)
-                steps = self.by.estimate([attempt.item for attempt in objects], length)
-                estimate = yield from standing(steps, estimated)
-                for index, (new, curve) in enumerate(zip(attempts, self.curves, strict=True)):
-                    for attempt in new:
-                        yield from standing(self._note(index, attempt, estimate), estimated)
-                        if not curve.dispensable:
-                            curve.known_tries[attempt.method].append(attempt)
-            if not any(plans):
+            plans = [curve.next_try(near, about) for curve in self.curves]
+            if all(ratio is None for ratio in plans):
                 missed = yield from standing(self._miss_left_out(length), estimated)
                 if k + 1 == ROUNDS or not missed:
                     return
+                continue
+            attempts = yield from self._try(plans, tried)
+            objects = [
+                new or curve.best(near) for new, curve in zip(attempts, self.curves, strict=True)
+            ]
+            yield from standing(self.by.read(), tried)
+            steps = self.by.estimate([attempt.item for attempt in objects], length)
+            estimate = yield from standing(steps, estimated)
+            for index, (new, curve) in enumerate(zip(attempts, self.curves, strict=True)):
+                if new:
+                    yield from standing(self._note(index, new, estimate), estimated)
+                    if not curve.dispensable:
+                        curve.known_tries.append(new)
 
     def _best(self, length: float) -> list[Try]:
         """Return the best try of each object for a LOD that deviates by `length` at most."""
@@ -432,16 +394,15 @@ class Search:
         attempt.away = estimate.away[number][curve.evaluated]
 
     def _try(
-        self, plans: list[list[tuple[str, float]]], progress: float
-    ) -> Generator[float, None, list[list[Try]]]:
-        """Make the tries of `plans`, (method, ratio) lists by source; yields `progress`."""
-        attempts = []
-        for tries, curve in zip(plans, self.curves, strict=True):
-            new = []
-            for method, ratio in tries:
-                steps = self.make(curve.source, ratio, method)
-                item, vertices, triangles = yield from standing(steps, progress)
-                new.append(Try(item, vertices, triangles, method, ratio, curve.weighed))
-            curve.tries += new
+        self, plans: Sequence[float | None], progress: float
+    ) -> Generator[float, None, list[Try | None]]:
+        """Make a try of the ratio that is planned for each source; yields `progress`."""
+        attempts: list[Try | None] = []
+        for ratio, curve in zip(plans, self.curves, strict=True):
+            new = None
+            if ratio is not None:
+                made = yield from standing(self.make(curve.source, ratio), progress)
+                new = Try(*made, ratio, curve.weighed)
+                curve.tries.append(new)
             attempts.append(new)
         return attempts

@@ -1,12 +1,11 @@
 """Shaded comparison of LODs: read normals, colors and images, compare pictures."""
 
-from collections.abc import Generator, Sequence
+from collections.abc import Sequence
 
 import bpy
 import numpy as np
 
 from ...crowd_lod.culling.camera import Camera
-from ...crowd_lod.progress import aside
 from ...crowd_lod.validation.shaded_pictures import (
     HALVINGS,
     LARGEST,
@@ -20,14 +19,9 @@ from ...crowd_lod.validation.shaded_pictures import (
 from ...crowd_lod.validation.silhouette import project
 from ..blender import mesh_data
 from ..blender.material_colors import Looks
-from .source_mesh import NORMALS, Source
 
 AROUND = np.radians((35, 155, 275))  # where the body is looked at from
-# right, up and towards the eye: along each axis
-VIEWS = [np.roll(np.eye(3), -k, axis=0) for k in (1, 2, 3)]
-# pixels of a body's size: where no camera looks, and at most
-TALL = 128
-MOST_TALL = 300
+MOST_TALL = 300  # pixels of a body's size
 
 
 def body_of(
@@ -41,10 +35,7 @@ def body_of(
     points, triangles, corners, faces = mesh_data.read_triangles(mesh)
     normals = np.empty((len(mesh.loops), 3), np.float32)
     slots = np.empty(len(mesh.polygons), np.int32)
-    if NORMALS in mesh.attributes:
-        mesh.attributes[NORMALS].data.foreach_get("vector", normals.ravel())
-    else:
-        mesh.corner_normals.foreach_get("vector", normals.ravel())
+    mesh.corner_normals.foreach_get("vector", normals.ravel())
     uvs = np.zeros((len(mesh.loops), 2), np.float32)
     layer = next((layer for layer in mesh.uv_layers if layer.active_render), None)
     if layer is not None:
@@ -164,27 +155,3 @@ def alike(
         )
     difference, similarity = np.mean(measures, axis=0)
     return float(difference), float(similarity)
-
-
-def similarity(source: Source, mesh: bpy.types.Mesh) -> Generator[float, None, float]:
-    """Find the structural similarity of a LOD's mesh to its source at rest.
-
-    It is the mean over the three VIEWS, with the source TALL pixels large. Yields between steps.
-    """
-    if source.body is None:
-        appearance = Looks()
-        source.body = body_of(source.mesh, source.mesh.materials, np.eye(4), appearance), appearance
-    whole, appearance = source.body
-    other = body_of(mesh, mesh.materials, np.eye(4), appearance)
-    images = appearance.images()
-    return (yield from aside(lambda: _similarity_of(whole, other, images)))
-
-
-def _similarity_of(whole: Body, other: Body, images: np.ndarray) -> float:
-    """Return the mean structural similarity of two bodies' pictures; images: of both."""
-    scale = TALL / (float(np.ptp(whole.points, axis=0).max()) or 1.0)
-    measures = []
-    for axes in VIEWS:
-        flat = [body.points @ axes.T * (scale, scale, -scale) for body in (whole, other)]
-        measures.append(likeness(*pictures((whole, other), images, flat, axes))[1])
-    return float(np.mean(measures))

@@ -19,7 +19,6 @@ from ..blender.provenance import text_digest
 from ..blender.references import closure_of
 from ..blender.rig_dependencies import stance
 from .mesh_repair import drop_flat_parts, mend
-from .surface import Surface
 
 # modifiers that deform a LOD as they do its source, and so are left to it
 FOLLOWED = {"ARMATURE", "LATTICE"}
@@ -53,9 +52,7 @@ class Source:
     keys: names of the shape keys that LODs keep. Their offsets are attributes of the mesh (see
         KEY).
     notes: sentences that say what LODs leave out.
-    custom_normals: whether it has custom normals or sharp edges.
     charts: uv_charts.Charts, made when first needed; None before.
-    body: (Body, Looks) for the shaded pictures, made by shaded_pictures.similarity; None before.
     skin: how its points move in the poses (see pose_deformation.skin_of); None if they do not.
     share: its part of the character's triangles, from 0 to 1.
     weight: (n,) how much each vertex counts in decimation, see simplification.decimate; None for
@@ -67,9 +64,7 @@ class Source:
     groups: list[str] = field(default_factory=list)
     keys: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
-    custom_normals: bool = False
     charts: object = None
-    body: object = None
     skin: Skin | None = None
     share: float = 1.0
     weight: np.ndarray | None = None
@@ -78,15 +73,6 @@ class Source:
     def geometry(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Return (points, triangles, corners, faces) as mesh_data.read_triangles does."""
         return mesh_data.read_triangles(self.mesh)
-
-    @cached_property
-    def surface(self) -> Surface:
-        return Surface(*self.geometry[:2])
-
-    @cached_property
-    def posed(self) -> list[Surface]:
-        """Return the surface in each pose, or an empty list if nothing deforms the mesh."""
-        return [Surface(place, self.geometry[1]) for place in self.skin.place] if self.skin else []
 
     @cached_property
     def telling(self) -> Skin | None:
@@ -103,7 +89,7 @@ class Source:
 
 
 @contextmanager
-def staged(item: bpy.types.Object) -> Iterator[bpy.types.Depsgraph]:
+def _staged(item: bpy.types.Object) -> Iterator[bpy.types.Depsgraph]:
     """Yield a depsgraph with `item` and its dependencies alone, at frame 1.
 
     It belongs to a scene of its own, which is removed afterwards.
@@ -135,7 +121,9 @@ def _at_rest(item: bpy.types.Object) -> Iterator[None]:
             data.pose_position = position
 
 
-def evaluated_mesh(item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bpy.types.Mesh | None:
+def _evaluated_mesh(
+    item: bpy.types.Object, depsgraph: bpy.types.Depsgraph
+) -> bpy.types.Mesh | None:
     """Return a new mesh of `item` with modifiers applied and all layers.
 
     Return None if the object has no mesh, as with hair.
@@ -186,8 +174,8 @@ def _read_twin(item: bpy.types.Object, twin: bpy.types.Object) -> Source:
             key.slider_min = 0
             key.slider_max = 1
             key.value = 0
-    with _at_rest(item), staged(twin) as depsgraph:
-        mesh = evaluated_mesh(twin, depsgraph)
+    with _at_rest(item), _staged(twin) as depsgraph:
+        mesh = _evaluated_mesh(twin, depsgraph)
         offsets = (
             {name: _offset(twin, depsgraph, name, mesh) for name in values}
             if mesh is not None
@@ -205,7 +193,7 @@ def _read_twin(item: bpy.types.Object, twin: bpy.types.Object) -> Source:
                 key.slider_max = max(value, 1)
                 key.value = value
             depsgraph.view_layer.update()
-            mesh = evaluated_mesh(twin, depsgraph)
+            mesh = _evaluated_mesh(twin, depsgraph)
             offsets = {}
         if any(instance.is_instance for instance in depsgraph.object_instances):
             notes.append("The objects that it instances are left out.")
@@ -221,7 +209,7 @@ def _read_twin(item: bpy.types.Object, twin: bpy.types.Object) -> Source:
         mesh.attributes.new(f"{KEY}{index}", "FLOAT_VECTOR", "POINT").data.foreach_set(
             "vector", offset.ravel()
         )
-    custom = _store_normals(mesh)
+    _store_normals(mesh)
     mend(mesh, split_sharp=NORMALS not in mesh.attributes)
     points = positions(mesh)
     wrong = ~np.isfinite(points).all(axis=1)
@@ -234,17 +222,11 @@ def _read_twin(item: bpy.types.Object, twin: bpy.types.Object) -> Source:
         )
     if not offsets:
         drop_flat_parts(mesh)
-    return Source(item, mesh, _group_names(mesh), list(offsets), notes, custom_normals=custom)
+    return Source(item, mesh, _group_names(mesh), list(offsets), notes)
 
 
-def _store_normals(mesh: bpy.types.Mesh) -> bool:
-    """Store the corners' normals as the attribute NORMALS.
-
-    Return whether they are custom, or of sharp edges.
-    """
-    custom = mesh.has_custom_normals or any(
-        read_attributes(mesh).get("sharp_edge", ((), (), ()))[2]
-    )
+def _store_normals(mesh: bpy.types.Mesh) -> None:
+    """Store the corners' normals as the attribute NORMALS."""
     if mesh.normals_domain != "FACE":  # flat faces need none
         normals = np.empty((len(mesh.loops), 3), np.float32)
         mesh.corner_normals.foreach_get("vector", normals.ravel())
@@ -254,7 +236,6 @@ def _store_normals(mesh: bpy.types.Mesh) -> bool:
         mesh.attributes.new(NORMALS, "FLOAT_VECTOR", "CORNER").data.foreach_set(
             "vector", normals.ravel()
         )
-    return custom
 
 
 def _group_names(mesh: bpy.types.Mesh) -> list[str]:

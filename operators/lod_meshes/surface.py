@@ -8,7 +8,6 @@ import numpy as np
 from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 
-from ...crowd_lod.simplification.components import areas
 from ...crowd_lod.simplification.moving_surface import MovingSurface
 from ...crowd_lod.simplification.triangle_mesh import ranges
 
@@ -22,9 +21,7 @@ NEAR = 5e-5
 # HALVED times.
 CLOSER = 400
 HALVED = 5
-FARTHEST = 50  # triangles whose sides a rough estimate looks at
 LAYERS = 8  # of clothes about a body that a way through a surface passes, at most
-SILHOUETTE = 256  # pixels across a surface's silhouette
 FLAT = 1e-6  # a triangle lower than this part of its longest side shows nothing
 
 
@@ -176,15 +173,6 @@ class Surface:
         """Return twice the area of each triangle: (m,) square meters."""
         a, b, c = (self.points[self.triangles[:, i]] for i in range(3))
         return np.linalg.norm(np.cross(b - a, c - a), axis=1)
-
-    @cached_property
-    def silhouette(self) -> float:
-        """Return the area of the silhouette, square meters, a mean over some directions."""
-        return float(
-            areas(
-                self.points, self.triangles, np.zeros(len(self.triangles), np.intp), 1, SILHOUETTE
-            )[0]
-        )
 
     @property
     def corners(self) -> np.ndarray:
@@ -354,30 +342,6 @@ def spread(surface: Surface, other: Surface, counted: Sequence[np.ndarray], coun
         if area.any():
             means.append(float(np.sqrt(np.mean(b.distances(a.at(*scattered(area, count))) ** 2))))
     return max(means)
-
-
-def roughly(surface: Surface, other: Surface, count: int) -> float:
-    """Estimate the symmetric Hausdorff distance of two surfaces, meters.
-
-    It looks at a corner and the center of about `count` / 2 triangles of each, then at the corners
-    and sides of the FARTHEST triangles farthest off. That is good enough for a choice.
-    """
-    return max(_roughly(a, b, count // 2) for a, b in ((surface, other), (other, surface)))
-
-
-def _roughly(surface: Surface, other: Surface, count: int) -> float:
-    """Estimate the largest distance from `surface` to `other` at about `count` triangles."""
-    sampled = np.arange(0, len(surface.triangles), max(1, len(surface.triangles) // count))
-    face = np.concatenate([sampled, sampled])
-    weights = np.repeat([(1.0, 0, 0), (1 / 3, 1 / 3, 1 / 3)], len(sampled), axis=0)
-    off = other.distances(surface.at(face, weights))
-    far = surface.points[
-        surface.triangles[np.unique(face[np.argsort(-off, kind="stable")[:FARTHEST]])]
-    ]
-    middles = (far + np.roll(far, -1, axis=1)) / 2
-    return float(
-        max(off.max(), other.distances(np.concatenate([far, middles]).reshape(-1, 3)).max())
-    )
 
 
 def _away(surface: Surface, other: Surface, count: int) -> tuple[float, float]:

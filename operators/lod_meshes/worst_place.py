@@ -29,7 +29,7 @@ def look_in_pose(whole: PosedSurface, character: Shape, level: Shape) -> InPose 
     whole: the character in some pose, whose visible surface is known.
     """
     if len(character.points) != len(whole.shapes[0].points):
-        whole = PosedSurface([character], whole.hidden_counts)
+        whole = PosedSurface([character])
     merged = whole.at([character.points])
     other = merge([level.points], level.triangles)
     if merged is None or other is None:

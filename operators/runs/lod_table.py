@@ -44,7 +44,6 @@ def tables(
 
     A LOD that a group repeats, because others have more, has one row. Pictures levels_NAME.png of
     the first MOST_SHOWN groups are written to `folder`. Silhouettes are measured for these alone.
-    Without the setting LOD Pictures there is neither.
 
     begins: (G, n - 1) meters from `camera` where each group's LODs begin (see assignment.limits).
     """
@@ -52,7 +51,7 @@ def tables(
     file_names: set[str] = set()
     settings = scene.crowd_lod
     finest = policy_of(settings).finest or [0] * len(groups)
-    pictured = len(_pictured(scene, groups))
+    pictured = len(groups[:MOST_SHOWN])
     for g, (group, (_, objects, origin)) in enumerate(
         zip(groups, characters_of(scene), strict=True)
     ):
@@ -78,14 +77,9 @@ def tables(
     return entries
 
 
-def count_pictured(scene: bpy.types.Scene, groups: Sequence[Group]) -> int:
+def count_pictured(groups: Sequence[Group]) -> int:
     """Return of how many LODs `tables` draws pictures."""
-    return sum(len(group.triangles) for group in _pictured(scene, groups))
-
-
-def _pictured(scene: bpy.types.Scene, groups: Sequence[Group]) -> Sequence[Group]:
-    """Return the groups whose silhouettes are measured and that have a picture."""
-    return groups[:MOST_SHOWN] if scene.crowd_lod.lod_pictures else ()
+    return sum(len(group.triangles) for group in groups[:MOST_SHOWN])
 
 
 @dataclass
@@ -144,7 +138,7 @@ class _Pictured:
                 character, *levels = posed.shapes(self.group.worst[k])
                 self.performance.rest()
                 if not done:
-                    whole = PosedSurface([character], self.scene.crowd_lod.hidden_surface_counts)
+                    whole = PosedSurface([character])
                 looking = aside(partial(look_in_pose, whole, character, levels[k if done else 0]))
                 views.append((yield from standing(looking, done / len(rows))))
                 if done:

@@ -47,7 +47,7 @@ from ..sources.record_points import on_record
 from . import lod_table, top_view
 from .lettering import Legend, labeled_sheet
 from .preview_plan import plan_json
-from .preview_stage import Preview, Rendered, Staged, color_of, leaves_out, shade, sized, staged
+from .preview_stage import Preview, Rendered, Staged, leaves_out, shade, sized, staged
 from .shared_frames import ALONE, Sharing, make_frames, state_of
 
 MOST_IN_SHEET = 24  # frames on the contact sheet
@@ -152,7 +152,7 @@ def _picture(
             groups = first.trajectory.groups
             legends = legends_of(run.on.task.color, first)
             describing = lod_table.tables(stage, groups, first.camera, first.begins, run.folder)
-            work = LOD * lod_table.count_pictured(stage, groups)
+            work = LOD * lod_table.count_pictured(groups)
             described = ready + (0.95 - ready) * work / (work + len(frames))
             lods = yield from share(describing, ready, described)
             ready = described
@@ -333,11 +333,7 @@ class _Run:
         stage = self.on.stage
         layer = self.on.stage.view_layers[0]
         camera = self.on.stage.camera
-        self.view = (
-            stage.crowd_lod.above
-            or self.view
-            or top_view.straight_down(stage, frame.trajectory.area, frame.camera)
-        )
+        self.view = self.view or top_view.straight_down(stage, frame.trajectory.area, frame.camera)
         with sized(stage.render, self.on.size):
             layer.update()
             above = cameras.camera_from(self.view, stage.render, layer.depsgraph)
@@ -427,8 +423,6 @@ class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
             frames=scene_data.frames_of(scene, settings.step),
             folder=output_folder(scene, "preview"),
             width=settings.width,
-            engine=settings.engine,
-            color=color_of(settings),
         )
         plan = yield from preview(scene, task, ["sidebar"])
         sentence = (

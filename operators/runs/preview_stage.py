@@ -16,7 +16,6 @@ from ..overlay.playblast import caption_size
 from ..render_setup import frame_update, render_setup, view_layers
 from ..render_setup.appended_builds import STAGE
 from ..render_setup.hidden_characters import shows_characters
-from ..settings.shot_settings import COLORS
 
 # What renders the pictures; the overlay's are drawn, and only the pictures of LODs rendered.
 ENGINES = {
@@ -24,7 +23,7 @@ ENGINES = {
     **scene_data.BLENDER_ENGINES,
     "OVERLAY": "BLENDER_WORKBENCH",
 }
-COLOR_MODES = tuple(name for name, *_ in COLORS)  # that every engine has
+COLOR_MODES = "LOD", "ERROR", "MATERIAL"  # that every engine has
 TINTED = "LOD", "ERROR"  # of COLOR_MODES, those without materials
 SIZE = "resolution_x", "resolution_y", "resolution_percentage"
 GRAY = (0.55, 0.58, 0.62)  # the sky of the tinted pictures, linear
@@ -62,11 +61,6 @@ class Staged:
     stage: bpy.types.Scene
     task: Preview
     size: tuple[int, int]
-
-
-def color_of(settings: bpy.types.PropertyGroup) -> str:
-    """Return the color that the settings have for their engine's pictures."""
-    return settings.overlay_color if settings.engine == "OVERLAY" else settings.color
 
 
 def staged(scene: bpy.types.Scene, task: Preview) -> Staged:

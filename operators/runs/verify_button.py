@@ -65,8 +65,6 @@ class CROWDLOD_OT_verify(Stepwise, bpy.types.Operator):
         task = Verify(
             frames=spread_evenly(frames, settings.verify_count),
             folder=output_folder(scene, "verify"),
-            width=settings.verify_width,
-            samples=settings.verify_samples,
         )
         build = _build_of(scene)
         result = yield from verify(scene, task, ["sidebar"])

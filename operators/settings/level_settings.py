@@ -18,20 +18,6 @@ from .outdated_estimate import outdate
 from .setting_changes import settings_changed
 from .threshold_order import push, push_all
 
-METHODS = (
-    (
-        "AUTO",
-        "Automatic",
-        "Make each mesh by both methods, measure how far it is off in motion, and take the closer "
-        "one",
-    ),
-    (
-        "POSE_AWARE",
-        "Pose-Aware",
-        "Quadric edge collapse that heeds the poses of the action and keeps UV seams",
-    ),
-    ("DECIMATE", "Decimate Modifier", "Blender's own, which looks at the rest pose; it is quicker"),
-)
 THRESHOLDS = (0.15, 0.4, 0.6, 0.7, 0.8, 0.9, 1.0)
 
 
@@ -226,11 +212,6 @@ class LevelSettings:
         description="By tolerance, a LOD also begins only where its shaded picture differs by 2 % "
         "of white at most",
     )
-    hidden_surface_counts: BoolProperty(
-        name="Hidden Surface Counts",
-        description="Deviations heed surface that no direction shows in any pose, such as a body "
-        "within clothes: for characters that are cut open or looked into",
-    )
     level_count: IntProperty(
         update=push_all,
         name="Levels",
@@ -248,9 +229,6 @@ class LevelSettings:
         max=1,
         default=(1.0, 0.4, 0.12, 0.05, 0.03, 0.02, 0.015, 0.01),
         description="Part of the triangles that each LOD keeps",
-    )
-    method: EnumProperty(
-        name="Decimation", description="How the LOD meshes are made", items=METHODS
     )
     thresholds: FloatVectorProperty(
         update=push,

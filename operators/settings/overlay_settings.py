@@ -1,14 +1,13 @@
 """Settings of the overlay in the viewport."""
 
 from ..blender.labeled_properties import BoolProperty, EnumProperty, IntProperty
-from .shot_settings import COLORS
 
 OVERLAY_COLORS = (
-    COLORS[0],
+    ("LOD", "By LOD", "Red, green, blue from near to far"),
     ("STATE", "By State", "The colors of the state machine"),
     ("GROUP", "By Group", "A color a character group"),
     ("REASON", "By Reason", "Why an agent is culled, or has not the finest LOD"),
-    COLORS[2],
+    ("ERROR", "By Error", "How many pixels an agent's LOD may be off: green to red"),
     ("MATERIAL", "Materials", "Base color or image of the characters' own materials"),
 )
 

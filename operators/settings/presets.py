@@ -1,4 +1,4 @@
-"""Presets of each step's settings in Blender's own menus, and Reset to Defaults.
+"""Presets of the settings in Blender's own menu, and Reset to Defaults.
 
 A preset holds numbers and choices. Data-blocks, paths and what steps have made are not in it.
 """
@@ -10,23 +10,22 @@ from bl_operators.presets import AddPresetBase
 from bl_ui.utils import PresetPanel
 
 from ...crowd_lod.format import counted
-from ..blender.labeled_properties import CONTEXT, EnumProperty
+from ..blender.labeled_properties import CONTEXT
 from ..blender.operator import Reporting
 from .outdated_estimate import outdate
-from .properties import ALL, STEPS, CrowdLodSettings
+from .properties import ALL, CrowdLodSettings
 from .threshold_order import note_thresholds
 
-PARTS = STEPS | {"all": ALL}
 # settings that say what the user looks at now: no preset holds them
 PASSING = {"overlay", "agent", "exception_index", "use_shot_plan"}
 
 
-def names_of(step: str) -> list[str]:
-    """Return the names of the settings that a preset of the step holds."""
+def setting_names() -> list[str]:
+    """Return the names of the settings that a preset holds."""
     kinds: Any = CrowdLodSettings.bl_rna.properties
     return [
         name
-        for part in PARTS[step]
+        for part in ALL
         for name in part.__annotations__
         if name not in PASSING and kinds[name].type in ("BOOLEAN", "INT", "FLOAT", "ENUM")
     ]
@@ -38,12 +37,8 @@ class CROWDLOD_OT_reset(Reporting, bpy.types.Operator):
     bl_idname = "crowd_lod.reset"
     bl_label = "Reset to Defaults"
 
-    step: EnumProperty(
-        name="Step", items=[(step, step.capitalize(), "") for step in PARTS], default="all"
-    )
-
     def run(self, context) -> str:
-        names = names_of(self.step)
+        names = setting_names()
         settings = context.scene.crowd_lod
         for name in names:
             settings.property_unset(name)
@@ -55,49 +50,32 @@ class CROWDLOD_OT_reset(Reporting, bpy.types.Operator):
         )
 
 
-class _Adding(AddPresetBase):
+class CROWDLOD_OT_preset_add(AddPresetBase, bpy.types.Operator):
     """Add or remove a preset of these settings"""
 
-    preset_defines = ["settings = bpy.context.scene.crowd_lod"]
+    bl_idname = "crowd_lod.preset_add"
+    bl_label = "Add Preset"
     bl_options = {"REGISTER", "INTERNAL"}
     bl_translation_context = CONTEXT
+    preset_menu = "CROWDLOD_PT_presets"
+    preset_subdir = "crowd_lod"
+    preset_defines = ["settings = bpy.context.scene.crowd_lod"]
 
     def pre_cb(self, context) -> None:
         # known once the settings are registered
-        type(self).preset_values = [f"settings.{name}" for name in names_of(self.step)]
+        type(self).preset_values = [f"settings.{name}" for name in setting_names()]
 
 
-class _Presets(PresetPanel):
-    preset_operator = "script.execute_preset"
+class CROWDLOD_PT_presets(PresetPanel, bpy.types.Panel):
+    bl_label = "Presets"
     bl_translation_context = CONTEXT
+    preset_subdir = "crowd_lod"
+    preset_operator = "script.execute_preset"
+    preset_add_operator = "crowd_lod.preset_add"
 
     def draw(self, context) -> None:
         super().draw(context)
-        self.layout.operator("crowd_lod.reset", icon="LOOP_BACK").step = self.step
+        self.layout.operator("crowd_lod.reset", icon="LOOP_BACK")
 
 
-def _classes(step: str) -> tuple[type, type]:
-    """Return the panel of the step's presets, and the operator that adds one."""
-    shared = {"step": step, "preset_subdir": f"crowd_lod/{step}", "__doc__": _Adding.__doc__}
-    panel = f"CROWDLOD_PT_{step}_presets"
-    adding = f"crowd_lod.{step}_preset_add"
-    return (
-        type(
-            panel,
-            (_Presets, bpy.types.Panel),
-            {**shared, "bl_label": f"{step.capitalize()} Presets", "preset_add_operator": adding},
-        ),
-        type(
-            f"CROWDLOD_OT_{step}_preset_add",
-            (_Adding, bpy.types.Operator),
-            {
-                **shared,
-                "bl_idname": adding,
-                "bl_label": f"Add {step.capitalize()} Preset",
-                "preset_menu": panel,
-            },
-        ),
-    )
-
-
-CLASSES = (CROWDLOD_OT_reset, *(kind for step in PARTS for kind in _classes(step)))
+CLASSES = CROWDLOD_OT_reset, CROWDLOD_PT_presets, CROWDLOD_OT_preset_add

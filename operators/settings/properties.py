@@ -31,17 +31,17 @@ from .shot_settings import (
     VerifySettings,
 )
 
-# The settings of each step of the work, which has presets and a panel.
+# The settings of each step of the work, by its panel's name.
 STEPS: dict[str, tuple[type, ...]] = {
-    "crowd": (CharacterSettings, CrowdSettings),
-    "behavior": (BehaviorSettings, SimulationSettings),
-    "camera": (CameraSettings,),
-    "levels": (LevelSettings,),
-    "overlay": (OverlaySettings,),
-    "plan": (FrameSettings, PlanSettings),
-    "preview": (PreviewSettings,),
-    "verify": (VerifySettings,),
-    "export": (ExportSettings,),
+    "Crowd": (CharacterSettings, CrowdSettings),
+    "Behavior": (BehaviorSettings, SimulationSettings),
+    "Camera": (CameraSettings,),
+    "LOD Meshes": (LevelSettings,),
+    "Overlay": (OverlaySettings,),
+    "Plan Shot": (FrameSettings, PlanSettings),
+    "Preview": (PreviewSettings,),
+    "Verify": (VerifySettings,),
+    "Hand Over": (ExportSettings,),
 }
 ALL = tuple(part for parts in STEPS.values() for part in parts)
 

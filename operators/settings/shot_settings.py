@@ -1,25 +1,15 @@
 """Settings of the steps Plan Shot, Preview and Verify."""
 
-import bpy
-
 from ..blender.labeled_properties import (
     BoolProperty,
     CollectionProperty,
-    EnumProperty,
     FloatProperty,
     IntProperty,
-    PointerProperty,
     StringProperty,
 )
 from ..blender.output_folders import BLEND_NAME
 from .exception_settings import CrowdLodException
 from .setting_changes import settings_changed
-
-COLORS = (
-    ("LOD", "By LOD", "Red, green, blue from near to far"),
-    ("MATERIAL", "Materials", "The characters' own materials"),
-    ("ERROR", "By Error", "How many pixels an agent's LOD may be off: green to red"),
-)
 
 
 class FrameSettings:
@@ -34,20 +24,10 @@ class FrameSettings:
         f"{BLEND_NAME} is the name of the .blend file",
     )
 
-    own_frames: BoolProperty(
-        name="Own Frame Range",
-        description="Plan, preview and verify other frames than the scene's own range",
-    )
-    frame_start: IntProperty(
-        name="Start", default=1, subtype="TIME", description="First frame of the shot"
-    )
-    frame_end: IntProperty(
-        name="End", default=250, subtype="TIME", description="Last frame of the shot"
-    )
     frames: StringProperty(
-        name="Frame List",
-        description="Frames as text, a range 1:120 or a list 1,40,80, in place of the range "
-        "above; empty takes the range",
+        name="Frames",
+        description="Frames of the shot, a range 1:120 or a list 1,40,80; empty takes the scene's "
+        "range",
     )
 
 
@@ -110,36 +90,6 @@ class PlanSettings:
 class PreviewSettings:
     """The pictures of a preview."""
 
-    color: EnumProperty(
-        name="Color", description="Colors of the characters in the previewed pictures", items=COLORS
-    )
-    engine: EnumProperty(
-        name="Engine",
-        description="What draws the previewed pictures",
-        items=[
-            ("WORKBENCH", "Workbench", "Plain and quick, as a solid viewport"),
-            ("CYCLES", "Cycles", "Path tracing, with the scene's lights"),
-            ("EEVEE", "EEVEE", "Rasterized, with the scene's lights"),
-            (
-                "OVERLAY",
-                "Overlay",
-                "A playblast: the picture of the viewport's overlay, in its color; by far the "
-                "fastest",
-            ),
-        ],
-    )
-    lod_pictures: BoolProperty(
-        name="LOD Pictures",
-        default=True,
-        description="Measure the silhouettes of each character's LODs and draw the LODs side by "
-        "side in the report: some seconds a character",
-    )
-    above: PointerProperty(
-        type=bpy.types.Object,
-        name="View From Above",
-        poll=lambda _, candidate: candidate.type == "CAMERA",
-        description="Camera of the second picture; none looks straight down on crowd and frustum",
-    )
     step: IntProperty(
         name="Step", default=10, min=1, description="Take every so many frames of a range"
     )
@@ -158,21 +108,6 @@ class VerifySettings:
 
     verify_count: IntProperty(
         name="Frames", default=3, min=1, description="Frames that are rendered, evenly chosen"
-    )
-    verify_width: IntProperty(
-        name="Width",
-        default=320,
-        min=16,
-        max=8192,
-        subtype="PIXEL",
-        description="Width of the pictures that are compared",
-    )
-    verify_samples: IntProperty(
-        name="Samples",
-        default=4,
-        min=1,
-        max=4096,
-        description="Samples of each pixel that are rendered",
     )
 
 

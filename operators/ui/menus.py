@@ -15,7 +15,6 @@ WORK = (
     "take_action",
     "simulate",
     "make_levels",
-    "measure_levels",
     "inspect",
     "render_viewport",
     "plan_shot",

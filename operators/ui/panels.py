@@ -8,7 +8,6 @@ from textwrap import shorten
 
 import bpy
 
-from ... import sample_scenes
 from ...crowd_lod.behavior.walk import walks_of
 from ...crowd_lod.format import counted
 from ...crowd_lod.levels.cost_model import NAMES
@@ -33,7 +32,7 @@ from .drawing import (
     table,
     wide,
 )
-from .step_panel import Sidebar, Step, help_button, presets_button
+from .step_panel import Sidebar, Step, help_button
 from .wardrobe_panel import CROWDLOD_PT_wardrobes
 
 
@@ -41,7 +40,9 @@ class CROWDLOD_PT_main(Sidebar, bpy.types.Panel):
     bl_label = "Crowd LOD"
 
     def draw_header_preset(self, context) -> None:
-        presets_button(self.layout, "all")
+        row = self.layout.row()
+        row.emboss = "NONE"
+        row.popover("CROWDLOD_PT_presets", text="", icon="PRESET")
         help_button(self.layout, "The sidebar")
 
     def draw(self, context) -> None:
@@ -93,7 +94,6 @@ def _line(scene: bpy.types.Scene) -> str:
 class CROWDLOD_PT_crowd(Step, bpy.types.Panel):
     bl_label = "Crowd"
     bl_options = set()
-    step = "crowd"
 
     def draw_header_preset(self, context) -> None:
         following = steps.next_operator(context.scene)
@@ -106,7 +106,7 @@ class CROWDLOD_PT_crowd(Step, bpy.types.Panel):
             )
         else:
             button(self.layout, "crowd_lod.populate", "Populate", following=following)
-        self.draw_icons()
+        self.draw_help()
 
     def body(self, context, layout, settings) -> None:
         following = steps.next_operator(context.scene)
@@ -155,23 +155,8 @@ class CROWDLOD_PT_crowd_advanced(Step, bpy.types.Panel):
         button(layout, "crowd_lod.take_action", icon="ACTION")
 
 
-class CROWDLOD_PT_samples(Step, bpy.types.Panel):
-    bl_label = "Sample Scenes"
-    bl_parent_id = "CROWDLOD_PT_crowd"
-
-    @classmethod
-    def poll(cls, context) -> bool:
-        return context.scene.crowd_lod.characters is None
-
-    def body(self, context, layout, settings) -> None:
-        row = layout.row()
-        for name in sample_scenes.NAMES:
-            row.operator("crowd_lod.sample", text=name.capitalize(), translate=False).name = name
-
-
 class CROWDLOD_PT_behavior(Step, bpy.types.Panel):
     bl_label = "Behavior"
-    step = "behavior"
 
     def body(self, context, layout, settings) -> None:
         draw_behavior(layout, settings)
@@ -219,7 +204,6 @@ class CROWDLOD_PT_simulation(Step, bpy.types.Panel):
 
 class CROWDLOD_PT_camera(Step, bpy.types.Panel):
     bl_label = "Camera"
-    step = "camera"
 
     def body(self, context, layout, settings) -> None:
         layout.prop(context.scene, "camera", text="Active Camera", translate=False)
@@ -242,7 +226,6 @@ class CROWDLOD_PT_culling(Step, bpy.types.Panel):
 
 class CROWDLOD_PT_levels(Step, bpy.types.Panel):
     bl_label = "LOD Meshes"
-    step = "levels"
     main = ("crowd_lod.make_levels", "Make")
 
     def body(self, context, layout, settings) -> None:
@@ -264,16 +247,15 @@ class CROWDLOD_PT_levels(Step, bpy.types.Panel):
         self.draw_made(context, layout, settings)
 
     def draw_made(self, context, layout, settings) -> None:
-        """Draw two lines: what has changed since LODs were made, and about what others would be."""
+        """Draw what has changed since LODs were made, and a line on those of each group."""
         line = letters_of(context)
-        since, other_lods = steps.news_of_lods(context.scene)
+        since = steps.news_of_lods(context.scene)
         sentence = "Press Make LOD Meshes" if settings.levels is None else "LOD meshes are made"
         if since:
             sentence = f"Changed: {', '.join(since)}"
         label(
             layout, shorten(sentence, line, placeholder="..."), "FILE_REFRESH" if since else "INFO"
         )
-        label(layout, shorten(other_lods, line, placeholder="..."), "BLANK1")
         without = (
             f"no LOD pays in {NAMES[engine_of(context.scene)]}"
             if settings.choice == "BY_TOLERANCE"
@@ -337,16 +319,12 @@ class CROWDLOD_PT_decimation(Step, bpy.types.Panel):
     bl_parent_id = "CROWDLOD_PT_levels"
 
     def body(self, context, layout, settings) -> None:
-        layout.prop(settings, "method")
         active_column(layout, settings.choice == "BY_TOLERANCE").prop(settings, "shading_counts")
-        wide(layout, settings, "hidden_surface_counts")
         layout.prop(settings, "bias_image")
-        button(layout, "crowd_lod.measure_levels", icon="DRIVER_DISTANCE")
 
 
 class CROWDLOD_PT_overlay(Step, bpy.types.Panel):
     bl_label = "Overlay"
-    step = "overlay"
 
     def draw_header(self, context) -> None:
         self.layout.prop(context.scene.crowd_lod, "overlay", text="")
@@ -375,7 +353,6 @@ CLASSES = (
     CROWDLOD_PT_groups,
     CROWDLOD_PT_wardrobes,
     CROWDLOD_PT_crowd_advanced,
-    CROWDLOD_PT_samples,
     CROWDLOD_PT_behavior,
     CROWDLOD_PT_behavior_advanced,
     CROWDLOD_PT_heights,

@@ -5,6 +5,7 @@ import bpy
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import byte_size, counted
 from ...crowd_lod.shot.budget_points import budget_sentence, fitting_point
+from ..blender import scene_data
 from ..hand_over.lacks import Lack, lacks_of
 from ..hand_over.sizes import sizes_of
 from ..overlay import viewport_overlay
@@ -25,7 +26,6 @@ from .step_panel import Step
 
 class CROWDLOD_PT_plan(Step, bpy.types.Panel):
     bl_label = "Plan Shot"
-    step = "plan"
     main = ("crowd_lod.plan_shot", "Plan")
 
     def body(self, context, layout, settings) -> None:
@@ -133,39 +133,19 @@ class CROWDLOD_PT_plan_output(Step, bpy.types.Panel):
     bl_parent_id = "CROWDLOD_PT_plan"
 
     def body(self, context, layout, settings) -> None:
-        layout.prop(settings, "own_frames")
-        column = active_column(layout, settings.own_frames and not settings.frames).column(
-            align=True
-        )
-        frames = settings if settings.own_frames else context.scene
-        column.prop(frames, "frame_start")
-        column.prop(frames, "frame_end")
-        layout.prop(settings, "frames")
+        layout.prop(settings, "frames", placeholder=scene_data.range_of(context.scene))
         layout.prop(settings, "output_folder")
         layout.prop(settings, "shot_plan")
 
 
 class CROWDLOD_PT_preview(Step, bpy.types.Panel):
     bl_label = "Preview"
-    step = "preview"
     main = ("crowd_lod.preview", "Preview")
 
     def body(self, context, layout, settings) -> None:
-        for name in ("step", "engine"):
+        for name in ("step", "width"):
             layout.prop(settings, name)
-        # else its color is the overlay's
-        active_column(layout, settings.engine != "OVERLAY").prop(settings, "color")
         _with_report(layout, "crowd_lod.preview", "RENDER_ANIMATION", "PREVIEW", "")
-
-
-class CROWDLOD_PT_preview_advanced(Step, bpy.types.Panel):
-    bl_label = "Advanced"
-    bl_parent_id = "CROWDLOD_PT_preview"
-
-    def body(self, context, layout, settings) -> None:
-        layout.prop(settings, "width")
-        layout.prop(settings, "above", text="From Above", translate=False)
-        layout.prop(settings, "lod_pictures")
 
 
 class CROWDLOD_PT_build(Step, bpy.types.Panel):
@@ -179,7 +159,7 @@ class CROWDLOD_PT_build(Step, bpy.types.Panel):
             text,
             following=steps.next_operator(context.scene),
         )
-        self.draw_icons()
+        self.draw_help()
 
     def body(self, context, layout, settings) -> None:
         changed = staleness.changed(context.scene)
@@ -262,7 +242,6 @@ class CROWDLOD_PT_view_layers(Step, bpy.types.Panel):
 
 class CROWDLOD_PT_verify(Step, bpy.types.Panel):
     bl_label = "Verify"
-    step = "verify"
     main = ("crowd_lod.verify", "Verify")
 
     def body(self, context, layout, settings) -> None:
@@ -273,18 +252,8 @@ class CROWDLOD_PT_verify(Step, bpy.types.Panel):
         row.operator("crowd_lod.show_proof", text="", icon="IMAGE_DATA")
 
 
-class CROWDLOD_PT_verify_advanced(Step, bpy.types.Panel):
-    bl_label = "Advanced"
-    bl_parent_id = "CROWDLOD_PT_verify"
-
-    def body(self, context, layout, settings) -> None:
-        layout.prop(settings, "verify_width")
-        layout.prop(settings, "verify_samples")
-
-
 class CROWDLOD_PT_hand_over(Step, bpy.types.Panel):
     bl_label = "Hand Over"
-    step = "export"
 
     def body(self, context, layout, settings) -> None:
         scene = context.scene
@@ -350,12 +319,10 @@ CLASSES = (
     CROWDLOD_PT_exceptions,
     CROWDLOD_PT_plan_output,
     CROWDLOD_PT_preview,
-    CROWDLOD_PT_preview_advanced,
     CROWDLOD_PT_build,
     CROWDLOD_PT_cost,
     CROWDLOD_PT_view_layers,
     CROWDLOD_PT_build_advanced,
     CROWDLOD_PT_verify,
-    CROWDLOD_PT_verify_advanced,
     CROWDLOD_PT_hand_over,
 )

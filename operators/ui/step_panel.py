@@ -17,27 +17,21 @@ class Sidebar:
 class Step(Sidebar):
     """The panel of one step of the work; `body(context, layout, settings)` draws it.
 
-    step: a key of settings.presets.PARTS; "" for a panel without presets.
     main: (operator, text) of the button in the panel's header; () for none.
     """
 
     bl_parent_id = "CROWDLOD_PT_main"
     bl_options = {"DEFAULT_CLOSED"}
-    step = ""
     main: tuple[str, ...] = ()
 
     def draw_header_preset(self, context) -> None:
         if self.main:
             button(self.layout, *self.main, following=steps.next_operator(context.scene))
-        self.draw_icons()
+        self.draw_help()
 
-    def draw_icons(self) -> None:
-        """Draw the icons of the header: the step's presets, and the manual's part on it."""
-        if self.step:
-            presets_button(self.layout, self.step)
+    def draw_help(self) -> None:
+        """Draw, in a step's header, the button that shows the manual's part on it."""
         if self.bl_parent_id == Step.bl_parent_id:
-            if not self.step:
-                self.layout.label(icon="BLANK1")  # below one another in all steps
             help_button(self.layout, self.bl_label)
 
     def draw(self, context) -> None:
@@ -50,10 +44,3 @@ class Step(Sidebar):
 def help_button(layout, part: str) -> None:
     """Draw the button that shows the manual's part of this heading."""
     layout.operator("crowd_lod.help", text="", icon="HELP", emboss=False).part = part
-
-
-def presets_button(layout, step: str) -> None:
-    """Draw the button of the presets of a step."""
-    row = layout.row()
-    row.emboss = "NONE"
-    row.popover(f"CROWDLOD_PT_{step}_presets", text="", icon="PRESET")

@@ -5,7 +5,7 @@ import bpy
 from ...crowd_lod.simplification.decimate import missing_library
 from ..blender.guard import troubles_of
 from ..blender.sidebar_answers import keep_at_work
-from ..lod_meshes.made_for import changed, edited, forecast, outdated
+from ..lod_meshes.made_for import changed, edited, outdated
 from ..overlay import viewport_overlay
 from ..overlay.appearance import missing_groups
 from ..render_setup import staleness
@@ -42,11 +42,10 @@ def builder_of(scene: bpy.types.Scene) -> str:
 
 
 @keep_at_work
-def news_of_lods(scene: bpy.types.Scene) -> tuple[list[str], str]:
-    """Return what has changed since the LODs were made, and a line on what others would be."""
+def news_of_lods(scene: bpy.types.Scene) -> list[str]:
+    """Return what has changed since the LODs were made."""
     settings_changed = [f"{name} (was {then})" for name, (then, _) in changed(scene).items()]
-    change = forecast(scene)
-    return settings_changed + edited(scene), change.short if change else ""
+    return settings_changed + edited(scene)
 
 
 def label_of(operator: str) -> str:
@@ -76,8 +75,7 @@ def messages(scene: bpy.types.Scene) -> list[tuple[str, str]]:
         (note, "FILE_REFRESH") for note in crowd_sources.outdated(scene) if note not in errors
     ]
     if lods := outdated(scene):
-        change = forecast(scene)
-        lines.append((f"{lods}. {change.sentence}" if change else lods, "FILE_REFRESH"))
+        lines.append((lods, "FILE_REFRESH"))
     if verdict := verdict_of(scene):
         lines.append((verdict, "CHECKMARK" if verdict.startswith("OK") else "ERROR"))
     # warnings of Populate do not stop the work: the next step is named before them

@@ -1,5 +1,7 @@
 """Every test starts in an empty file with the extension registered."""
 
+import shutil
+
 import bpy
 import crowd_lod_extension
 import pytest
@@ -49,7 +51,6 @@ def scene(request):
     settings.count = 300
     settings.size = (40, 40)
     settings.thresholds[:2] = (0.2, 0.5)
-    settings.method = "DECIMATE"  # the quickest
     return scene
 
 
@@ -70,7 +71,6 @@ def small_shot():
     settings = scene.crowd_lod
     settings.count = 6
     settings.size = (10, 10)
-    settings.method = "DECIMATE"
     return scene
 
 
@@ -103,18 +103,25 @@ def rendered():
 
 
 @pytest.fixture(scope="session")
-def saved_once(tmp_path_factory):
+def saved_once(tmp_path_factory, worker_id):
     """(name, make) -> the scene of a file of that name, which is as make() leaves the open file.
 
-    What takes seconds to make is made by the first test that asks for it.
+    What takes seconds to make is made by the first test that asks for it, in any of the processes
+    that run tests side by side.
     """
-    folder = tmp_path_factory.mktemp("saved")
+    own = tmp_path_factory.mktemp("saved")  # tests write beside the file that is open
+    run = tmp_path_factory.getbasetemp()
+    shared = (run if worker_id == "master" else run.parent) / "saved"
+    shared.mkdir(exist_ok=True)
 
     def opened(name, make):
-        path = folder / f"{name}.blend"
-        if not path.exists():
+        made = shared / f"{name}.blend"
+        path = own / made.name
+        if not made.exists():
             make()
             bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
+            path.replace(made)
+        shutil.copyfile(made, path)
         bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False)
         return bpy.context.scene
 

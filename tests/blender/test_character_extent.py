@@ -7,6 +7,7 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
 from crowd_lod_extension.operators.characters import group_measuring, stored_groups
+from crowd_lod_extension.operators.lod_meshes.deviation import measure_levels
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.render_setup import frame_update
 from crowd_lod_extension.operators.scene import plausible
@@ -193,11 +194,10 @@ def test_the_plans_sphere_holds_lods_that_stick_out_of_the_character(tmp_path):
     home = character(body)
     scene = bpy.context.scene
     scene.crowd_lod.level_count = 2
-    scene.crowd_lod.method = "DECIMATE"
     list(make_levels(scene))
     level = scene.crowd_lod.levels.children[1].children[0].objects[0]
     level.data.transform(Matrix.Diagonal((3, 1, 2, 1)))  # an edited LOD
-    bpy.ops.crowd_lod.measure_levels()
+    list(measure_levels(scene))
     (group,) = stored_groups.groups_of(scene.crowd_lod)
     home.hide_render = True
     scene.collection.objects.link(level)
@@ -270,7 +270,6 @@ def sunk():
     settings.count = 1
     settings.size = (0.001, 0.001)
     settings.level_count = 2
-    settings.method = "DECIMATE"
     scene.render.fps = 24
     return scene
 

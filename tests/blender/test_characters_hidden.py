@@ -24,7 +24,6 @@ def far():
     settings.size = (1, 1)
     settings.center = (50, 0, 0)
     settings.level_count = 2
-    settings.method = "DECIMATE"
     eye = new("eye", bpy.data.cameras.new("eye"))
     eye.data.clip_end = 100
     eye.rotation_euler = Euler((np.pi / 2, 0, 0))

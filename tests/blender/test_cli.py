@@ -44,8 +44,6 @@ def test_preview_of_a_file_leaves_pictures_table_and_plan(tmp_path, capfd):
     coarsen(settings)
     for name in ("child", "heavy"):
         settings.characters.children.unlink(settings.characters.children[name])
-    settings.method = "DECIMATE"
-    settings.lod_pictures = False
     file = tmp_path / "chapter.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(file))
     capfd.readouterr()

@@ -14,7 +14,7 @@ from crowd_lod_extension.operators.blender.named_actions import group_performanc
 from crowd_lod_extension.operators.characters.group_measuring import measure_groups
 from crowd_lod_extension.operators.characters.stored_groups import groups_of
 from crowd_lod_extension.operators.lod_meshes import deviation
-from crowd_lod_extension.operators.lod_meshes.made_for import forecast, outdated
+from crowd_lod_extension.operators.lod_meshes.made_for import outdated
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.overlay import skinned_characters
 from crowd_lod_extension.operators.render_setup import bake, render_setup
@@ -263,7 +263,6 @@ def test_lods_made_before_the_cross_fades_are_told(fading):
         outdated(scene)
         == "LODs were made for actions the own, idle (now the own, idle with cross-fades)"
     )
-    assert forecast(scene) is None
 
 
 def test_rigs_have_keys_where_either_action_of_a_cross_fade_bends(waiting):  # noqa: F811

@@ -151,7 +151,6 @@ def glow_scene(made):
     settings.count = 30
     settings.size = (16, 16)
     settings.level_count = 2
-    settings.method = "DECIMATE"
     settings.ratios[1] = 0.5
     store_groups(settings, measure_groups(scene))
     list(make_levels(scene))

@@ -46,7 +46,7 @@ def test_properties_have_our_context():
     names = {name for _, name, _ in found}
     assert {
         "characters",
-        "own_frames",
+        "frames",
         "verify_count",
         "overlay",
         "on_ground",

@@ -29,7 +29,6 @@ def two():
     """Two groups of two LODs, `one` with a rig and a material, `two` without."""
     scene = bpy.context.scene
     scene.crowd_lod.level_count = 2
-    scene.crowd_lod.method = "DECIMATE"  # the quickest
     armature = rig()
     body = new("body", tube("body", 6, 4))
     body.data.materials.append(bpy.data.materials.new("skin"))
@@ -171,8 +170,6 @@ def test_spheres_are_measured_anew_where_the_scene_may_show_more(two):
 def test_other_settings_make_all_anew(made):
     made.crowd_lod.ratios[1] = 0.2
     assert run(made)[0].new == ("one", "two")
-    made.crowd_lod.method = "POSE_AWARE"
-    assert run(made)[0].new == ("one", "two")
     made.crowd_lod.level_count = 1
     outcome, lods = run(made)
     assert outcome.new == ("one", "two") and not any(name.endswith("LOD 1") for name in lods)
@@ -221,7 +218,8 @@ def test_esc_at_any_step_leaves_what_was_there(made):
 
 
 def test_what_is_deleted_between_two_steps_is_one_sentence_and_nothing_is_left(made):
-    made.crowd_lod.method, levels = "POSE_AWARE", made.crowd_lod.levels
+    made.crowd_lod.ratios[1] = 0.2
+    levels = made.crowd_lod.levels
     before = {block: block.name for block in bpy.data.user_map()}
     steps = iter(Slices("Make LOD Meshes", made, make_levels))
     next(steps), next(steps), next(steps)

@@ -22,8 +22,7 @@ def test_faces_that_only_a_modifier_makes_count():
 
 
 @pytest.mark.once
-@pytest.mark.parametrize("way", ["POSE_AWARE", "DECIMATE"])
-def test_shape_keys_that_move_are_kept_through_modifiers_and_driven_by_the_characters_own(way):
+def test_shape_keys_that_move_are_kept_through_modifiers_and_driven_by_the_characters_own():
     item = new("body", tube("body", 16, 8))
     item.shape_key_add(name="Basis")
     for name, factor in (("fat", 2.0), ("idle", 3.0)):
@@ -38,7 +37,6 @@ def test_shape_keys_that_move_are_kept_through_modifiers_and_driven_by_the_chara
         fat.keyframe_insert("value", frame=frame)
     item.modifiers.new("Subdivision", "SUBSURF").levels = 1
     character(item)
-    bpy.context.scene.crowd_lod.method = way
     lod = make_lods(1)["body LOD 1"]
     assert lod.data.shape_keys.key_blocks.keys() == ["Basis", "fat"]
     for frame, radius in ((1, 0.2), (10, 0.4)):
@@ -46,8 +44,7 @@ def test_shape_keys_that_move_are_kept_through_modifiers_and_driven_by_the_chara
         assert np.linalg.norm(world(lod)[:, :2], axis=1).max() == pytest.approx(radius, rel=0.03)
 
 
-@pytest.mark.parametrize("way", ["POSE_AWARE", "DECIMATE"])
-def test_vertex_groups_of_what_nodes_join_keep_their_names(way):
+def test_vertex_groups_of_what_nodes_join_keep_their_names():
     donor = new("donor", tube("donor", 8, 8))
     for name in ("a", "b", "c"):
         donor.vertex_groups.new(name=name)
@@ -73,7 +70,6 @@ def test_vertex_groups_of_what_nodes_join_keep_their_names(way):
     body.modifiers.new("Join", "NODES").node_group = tree
     skin(body, armature)
     character(body)
-    bpy.context.scene.crowd_lod.method = way
     lod = make_lods(1)["body LOD 1"]
     of = {group.index: group.name for group in lod.vertex_groups}
     assert set(of.values()) == {"a", "b", "c", "lower", "upper"}
@@ -96,7 +92,6 @@ def test_modifiers_count_as_they_are_rendered():
         array.show_viewport = seen
         array.show_render = rendered
         character(item, name=name)
-    bpy.context.scene.crowd_lod.method = "DECIMATE"
     wide = {
         name: np.ptp(mesh_data.read_triangles(item.data)[0][:, 0])
         for name, item in make_lods(1).items()
@@ -122,7 +117,6 @@ def test_what_is_shrunk_onto_a_body_is_so_at_rest():
     wrap.target = body
     wrap.offset = 0.02
     character(armature, body, shirt)
-    bpy.context.scene.crowd_lod.method = "DECIMATE"
     low, high = (
         getattr(mesh_data.read_triangles(make_lods(1)["shirt LOD 1"].data)[0], end)(axis=0)
         for end in ("min", "max")
@@ -154,7 +148,6 @@ def test_of_two_armatures_that_deform_it_in_turn_a_lod_follows_both():
     bpy.ops.object.mode_set(mode="OBJECT")
     item.vertex_groups.new(name="face upper").add(range(len(item.data.vertices)), 0.1, "REPLACE")
     character(body, face, item)
-    bpy.context.scene.crowd_lod.method = "DECIMATE"
     lod = make_lods(1)["body LOD 1"]
     for vertex in lod.data.vertices:
         weights = {lod.vertex_groups[entry.group].name: entry.weight for entry in vertex.groups}

@@ -4,6 +4,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.blender import mesh_data
 from crowd_lod_extension.operators.characters import stored_groups
+from crowd_lod_extension.operators.lod_meshes.deviation import measure_levels
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from mathutils import Matrix
 from mathutils.bvhtree import BVHTree
@@ -50,14 +51,15 @@ def test_levels_are_there_and_the_characters_untouched(scene):
     assert kinds == {"Collection", "Object", "Mesh"}  # no scratch scene, image or text is left
 
 
-def test_levels_carry_materials_uvs_and_weights_and_follow_the_armature(scene):
-    levels = make_lods(scene)
+def test_levels_carry_materials_uvs_and_weights_and_follow_the_armature(levelled):
+    scene, levels = levelled, levelled.crowd_lod.levels
+    groups = stored_groups.groups_of(scene.crowd_lod)
     scene.frame_set(8)
     levels_seen = [c.name for c in levels.children]
     scene.view_layers[0].layer_collection.children[levels.name].exclude = False
     depsgraph = bpy.context.evaluated_depsgraph_get()
     for k, name in enumerate(levels_seen):
-        for home in bpy.data.collections[name].children:
+        for group, home in zip(groups, bpy.data.collections[name].children, strict=True):
             item = home.objects[0] if home.objects[0].type == "MESH" else home.objects[1]
             finest = next(
                 o
@@ -77,18 +79,20 @@ def test_levels_carry_materials_uvs_and_weights_and_follow_the_armature(scene):
             weights = [sum(g.weight for g in v.groups) for v in mesh.vertices]
             assert np.allclose(weights, 1, atol=1e-4)
             assert [g.name for g in item.vertex_groups] == [g.name for g in finest.vertex_groups]
-            # in the pose of frame 8 the LOD lies on the full mesh in the same pose, within 5 cm
+            # in the pose of frame 8 the LOD lies on the full mesh in the same pose
             fine, coarse = (
                 mesh_data.world_points(o.evaluated_get(depsgraph)) for o in (finest, item)
             )
             triangles = mesh_data.read_triangles(finest.evaluated_get(depsgraph).to_mesh())[1]
             tree = BVHTree.FromPolygons(fine.tolist(), triangles.tolist())
-            assert max(tree.find_nearest(p)[3] for p in coarse.tolist()) < 0.05
+            off = max(tree.find_nearest(p)[3] for p in coarse.tolist())
+            assert off <= group.bounds[k] + 1e-6
+            assert off < 0.03 or k == 2  # of some 86 triangles
 
 
 @pytest.mark.once
-def test_a_second_run_replaces_the_first_and_spares_what_the_user_put_there(scene):
-    levels = make_lods(scene)
+def test_a_second_run_replaces_the_first_and_spares_what_the_user_put_there(levelled):
+    scene, levels = levelled, levelled.crowd_lod.levels
     mine = bpy.data.objects.new("Mine", None)
     levels.children[1].objects.link(mine)
     names = sorted(o.name for o in levels.all_objects if o is not mine)
@@ -108,8 +112,8 @@ def test_esc_leaves_nothing(scene):
 
 
 @pytest.mark.once
-def test_an_error_half_way_keeps_the_levels_that_were_there(scene):
-    levels = make_lods(scene)
+def test_an_error_half_way_keeps_the_levels_that_were_there(levelled):
+    scene, levels = levelled, levelled.crowd_lod.levels
     before = set(bpy.data.user_map())
     scene.crowd_lod.ratios[1] = 0.05
     scene.crowd_lod.ratios[2] = 0.05
@@ -132,7 +136,7 @@ def test_making_levels_measures_them_and_the_user_s_edits_are_measured_again(sce
         o for o in scene.crowd_lod.levels.children[2].children[0].objects if o.type == "MESH"
     ).data
     mesh.transform(Matrix.Translation((0, 0, 0.5)))
-    assert bpy.ops.crowd_lod.measure_levels() == {"FINISHED"}
+    list(measure_levels(scene))
     after = [g.deviations for g in stored_groups.groups_of(scene.crowd_lod)]
     assert after[1] == before[1] and after[0][:2] == before[0][:2] and after[0][2] > 0.4
     bpy.ops.crowd_lod.populate()  # keeps what is known of the LODs
@@ -140,9 +144,9 @@ def test_making_levels_measures_them_and_the_user_s_edits_are_measured_again(sce
     for item in list(scene.crowd_lod.levels.children[1].children[0].objects):
         bpy.data.objects.remove(item)
     with pytest.raises(
-        RuntimeError, match="adult has no LOD meshes in Crowd LOD 1: press Make LOD Meshes again"
+        CrowdError, match="adult has no LOD meshes in Crowd LOD 1: press Make LOD Meshes again"
     ):
-        bpy.ops.crowd_lod.measure_levels()
+        list(measure_levels(scene))
 
 
 def test_a_character_of_objects_with_modifiers_ngons_and_loose_vertices(scene):

@@ -26,7 +26,7 @@ def test_a_lod_has_about_the_fewest_triangles_whose_bound_is_the_length(ball, le
     """Equal triangles that lie half within and half without a ball of 1 m are 4 pi / (3 sqrt(3)
     length) many.
     """
-    search = Search([read_source(ball)], "AUTO", make_object, Measure("ball", [ball]))
+    search = Search([read_source(ball)], make_object, Measure("ball", [ball]))
     (attempt,), (_, bound, *_) = finished(search.find(length, 0.1))
     assert 0.8 * length < bound <= length
     assert attempt.triangles < 2.5 * 4 * np.pi / (3 * np.sqrt(3) * length)
@@ -34,14 +34,15 @@ def test_a_lod_has_about_the_fewest_triangles_whose_bound_is_the_length(ball, le
 
 
 def test_no_first_try_is_the_whole_itself(ball):
-    """Where Decimate's LOD of most triangles is far too coarse, Pose-Aware tries one of more."""
+    """Where the LOD of most triangles is far too coarse, one of more is tried."""
     curve = Curve(read_source(ball))
-    curve.known_tries["DECIMATE"].append(Try(ball, 2_000, 4_000, "DECIMATE", 0.8, deviation=0.006))
-    assert 0.8 < curve.ratio_for("POSE_AWARE", 0.0025, about=0.8) < 0.95
+    away = np.full(4, 0.006)
+    curve.known_tries.append(Try(ball, 2_000, 4_000, 0.8, deviation=0.006, away=away))
+    assert 0.8 < curve.ratio_for(0.0025) < 0.95
 
 
 def test_where_no_lod_fits_the_search_ends_with_the_character_itself(ball):
-    search = Search([read_source(ball)], "POSE_AWARE", make_object, Measure("ball", [ball]))
+    search = Search([read_source(ball)], make_object, Measure("ball", [ball]))
     (attempt,), (_, bound, *_) = finished(search.find(1e-9, 0.9))
     assert attempt.triangles == len(ball.data.polygons)
     assert bound <= 1e-9
@@ -111,9 +112,7 @@ def beads(places, radius):
 
 def search_lods(items, length):
     """Return the tries that a search finds, and their bound."""
-    search = Search(
-        [read_source(item) for item in items], "DECIMATE", make_object, Measure("", items)
-    )
+    search = Search([read_source(item) for item in items], make_object, Measure("", items))
     tries, (_, bound, *_) = finished(search.find(length, 0.1))
     return [attempt.triangles for attempt in tries], bound
 

@@ -26,9 +26,8 @@ from crowd_lod_extension.operators.runs import lod_picture, lod_table
 from crowd_lod_extension.operators.scene import scene_crowd
 
 
-def tables_of(scene, folder, pictures=True):
+def tables_of(scene, folder):
     """The tables of `scene` as its camera sees it, and the frame."""
-    scene.crowd_lod.lod_pictures = pictures
     frame = scene_crowd.frame_of(scene, bpy.context.evaluated_depsgraph_get())
     steps = lod_table.tables(
         scene, scene_crowd.trajectory_of(scene).groups, frame.camera, frame.begins, folder
@@ -38,7 +37,7 @@ def tables_of(scene, folder, pictures=True):
         try:
             progress.append(next(steps))
         except StopIteration as end:
-            assert progress == sorted(progress) and progress[-1:] == [1.0] * pictures
+            assert progress == sorted(progress) and progress[-1] == 1.0
             return end.value, frame
 
 
@@ -133,7 +132,7 @@ def test_the_way_a_lod_was_made_is_told_where_it_is_known(levelled, tmp_path):
     ):
         for key in ("crowd_lod_method", "crowd_lod_why", "crowd_lod_ms"):
             other.pop(key, None)
-    tables, _ = tables_of(levelled, tmp_path, pictures=False)
+    tables, _ = tables_of(levelled, tmp_path)
     assert [tables[0]["levels"][1][key] for key in ("method", "why", "ms")] == [
         "precise",
         "It has seams.",
@@ -210,7 +209,6 @@ def test_a_preview_by_tolerance_leaves_the_report(scene, tmp_path, capfd):
     scene.unit_settings.scale_length = 0.01
     settings.choice = "BY_TOLERANCE"
     settings.tolerance = 2
-    settings.lod_pictures = True
     stored_groups.store_groups(settings, group_measuring.measure_groups(scene))
     list(make_levels(scene))
     begins = scene_crowd.frame_of(scene, bpy.context.evaluated_depsgraph_get()).begins
@@ -275,13 +273,3 @@ def test_measuring_in_steps_gives_the_same_and_characters_play_what_they_did_in_
         assert played() == actions
     assert set(bpy.data.user_map()) == before
     assert progress == sorted(progress) and len(progress) > 20 and progress[-1] == 1.0
-
-
-def test_without_lod_pictures_the_table_has_its_rows_and_there_are_no_pictures(levelled, tmp_path):
-    tables, _ = tables_of(levelled, tmp_path, pictures=False)
-    assert len(tables) == 2
-    for character in tables:
-        assert character["picture"] is None
-        assert len(character["levels"]) == 3
-        assert all(row["measured_px"] is None for row in character["levels"])
-    assert not any(tmp_path.iterdir())

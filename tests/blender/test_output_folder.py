@@ -21,8 +21,6 @@ def small(scene):
     settings.frames = "1"
     settings.width = 32
     settings.verify_count = 1
-    settings.verify_width = 32
-    settings.verify_samples = 1
     return settings
 
 

@@ -66,27 +66,13 @@ def test_lods_bend_as_the_character_does():
     item = arm()
     settings = bpy.context.scene.crowd_lod
     settings.level_count = 2
-    found = {}
-    for way in ("POSE_AWARE", "DECIMATE", "AUTO"):
-        settings.method = way
-        list(make_levels(bpy.context.scene))
-        (group,) = groups_of(settings)
-        found[way] = group.deviations
-        for k, level in enumerate(settings.levels.children):  # at rest all are as close as ever
-            (lod,) = level.all_objects
-            near = mesh_data.read_triangles(lod.data)[0]
-            assert np.abs(np.hypot(near[:, 0], near[:, 1]) - 0.2).max() < 0.03, (way, k)
-    assert found["POSE_AWARE"][1] == pytest.approx(0, abs=0.01)
-    assert all(
-        fast < precise / 2
-        for fast, precise in zip(found["POSE_AWARE"][1:], found["DECIMATE"][1:], strict=True)
-    ), found
-    assert found["AUTO"] == found["POSE_AWARE"]
-    assert all(
-        "away in motion" in item["crowd_lod_why"]
-        for level in settings.levels.children[1:]
-        for item in level.all_objects
-    )
+    list(make_levels(bpy.context.scene))
+    (group,) = groups_of(settings)
+    for k, level in enumerate(settings.levels.children):  # at rest all are as close as ever
+        (lod,) = level.all_objects
+        near = mesh_data.read_triangles(lod.data)[0]
+        assert np.abs(np.hypot(near[:, 0], near[:, 1]) - 0.2).max() < 0.03, k
+    assert group.deviations[1] == pytest.approx(0, abs=0.01)
     assert item.data.vertices and item.name == "arm"
 
 
@@ -119,29 +105,14 @@ def test_a_shape_key_that_bends_counts_as_a_pose():
     bowed()
     settings = bpy.context.scene.crowd_lod
     settings.level_count = 2
-    found = {}
-    for way in ("POSE_AWARE", "DECIMATE", "AUTO"):
-        settings.method = way
-        list(make_levels(bpy.context.scene))
-        found[way] = groups_of(settings)[0].deviations
-    assert all(
-        fast < 0.7 * precise
-        for fast, precise in zip(found["POSE_AWARE"][1:], found["DECIMATE"][1:], strict=True)
-    ), found
-    assert found["AUTO"] == found["POSE_AWARE"]
-    assert all(
-        "away in motion" in item["crowd_lod_why"]
-        for level in settings.levels.children[1:]
-        for item in level.all_objects
-    )
+    list(make_levels(bpy.context.scene))
+    assert max(groups_of(settings)[0].deviations) < 0.02
 
 
 @pytest.mark.once
-@pytest.mark.parametrize("way", ["POSE_AWARE", "DECIMATE"])
-def test_offsets_of_shape_keys_are_those_at_the_place_of_each_point(way):
+def test_offsets_of_shape_keys_are_those_at_the_place_of_each_point():
     """What grows with the height is right at each height, not that of the nearest vertex."""
     bowed()
-    bpy.context.scene.crowd_lod.method = way
     list(make_levels(bpy.context.scene))
     for level in list(bpy.context.scene.crowd_lod.levels.children)[1:]:
         keys = level.all_objects[0].data.shape_keys.key_blocks
@@ -161,7 +132,7 @@ def test_keys_that_nothing_moves_count_at_their_full_value():
         np.testing.assert_allclose(
             place, [point.co for point in item.data.shape_keys.key_blocks[name].data], atol=1e-6
         )
-    assert source.telling is not None and len(source.posed) == 5
+    assert source.telling is not None
 
 
 def test_poses_of_shape_keys_are_told_apart():

@@ -63,13 +63,13 @@ def test_a_frame_far_away_is_approached_by_steps_that_end_at_once(levelled, tmp_
         begun = time.perf_counter()
         next(steps)
         longest = max(longest, time.perf_counter() - begun)
-    levelled.crowd_lod.verify_width = 99  # by the user, meanwhile
+    levelled.crowd_lod.width = 99  # by the user, meanwhile
     begun = time.perf_counter()
     steps.close()
     assert max(longest, time.perf_counter() - begun) < PATIENCE
     assert set(bpy.data.user_map()) == before and list(tmp_path.iterdir()) == []
     assert work is reported or levelled.crowd_lod.estimate == "known"
-    assert levelled.crowd_lod.verify_width == 99
+    assert levelled.crowd_lod.width == 99
 
 
 def test_populate_looks_ahead_by_steps(levelled):

@@ -180,7 +180,6 @@ def test_a_build_shows_agents_where_they_are(place):
     settings = scene.crowd_lod
     settings.count = 1
     settings.level_count = 1
-    settings.method = "DECIMATE"
     eye = bpy.data.objects.new("eye", bpy.data.cameras.new("eye"))
     scene.collection.objects.link(eye)
     scene.camera = eye

@@ -106,7 +106,6 @@ def test_everything_is_set(name):
     scene = make_scene(name)
     settings = scene.crowd_lod
     assert settings.count == {"chapter": 4096, "plaza": 10_000}[name]
-    assert (settings.above is None) == (name == "plaza")
     assert settings.map_image.packed_file and scene.world and scene.camera
     assert (scene.render.fps, scene.frame_start, scene.frame_end) == (24, 1, 120)
     assert (scene.render.resolution_x, scene.render.resolution_y) == (960, 540)
@@ -130,7 +129,7 @@ def test_every_lod_is_populated(name):
 def test_the_chapter_sees_a_part_and_the_auxiliary_camera_all():
     scene = make_scene("chapter")
     assert all(0.3 < frame.visible.mean() < 0.8 for frame in frames_of(scene))
-    scene.camera = scene.crowd_lod.above
+    scene.camera = scene.objects["Auxiliary camera"]
     assert all(frame.visible.all() for frame in frames_of(scene))
 
 

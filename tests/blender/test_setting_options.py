@@ -18,11 +18,11 @@ def apply(settings, *words):
 
 
 def test_options_set_the_settings_that_they_are(settings):
-    apply(settings, "preview", "x", "--width", 96, "--engine", "overlay", "--tolerance", 2)
-    assert (settings.width, settings.engine) == (96, "OVERLAY")
+    apply(settings, "preview", "x", "--width", 96, "--tolerance", 2)
+    assert settings.width == 96
     assert (settings.choice, settings.tolerance) == ("BY_TOLERANCE", 2)
     apply(settings, "verify", "x", "--width", 64, "--samples", 2, "--step", 3)
-    assert (settings.width, settings.verify_width, settings.verify_samples) == (96, 64, 2)
+    assert settings.width == 96  # of previews
     assert settings.step == 3
     apply(settings, "plan", "x", "--triangles", "2e6", "--memory", 64)
     assert (settings.budget_triangles, settings.budget_memory) == (2_000_000, 64)
@@ -36,12 +36,12 @@ def test_options_set_the_settings_that_they_are(settings):
 
 
 def test_what_no_option_gives_stays(settings):
-    settings.verify_width = 200
+    settings.width = 200
     settings.usd_animated = True
     settings.choice = "BY_RATIO"
     for command in ("verify", "export", "preview", "plan"):
         apply(settings, command, "x")
-    assert (settings.verify_width, settings.choice) == (200, "BY_RATIO")
+    assert (settings.width, settings.choice) == (200, "BY_RATIO")
     assert settings.usd_animated
 
 

@@ -36,7 +36,6 @@ def striped(monkeypatch):
     settings = scene.crowd_lod
     settings.count = 60
     settings.size = (40, 60)
-    settings.method = "DECIMATE"
     settings.frames = "1"
     settings.choice = "BY_TOLERANCE"
     settings.tolerance = 20.0
@@ -64,7 +63,7 @@ def test_a_lod_that_shades_differently_begins_farther_off(striped):
     before = begins(striped)
     assert len(before) >= 1
     settings.shading_counts = True
-    with pytest.raises(CrowdError, match="press Measure LOD Meshes"):
+    with pytest.raises(CrowdError, match="press Make LOD Meshes"):
         begins(striped)
     list(measure_levels(striped))
     np.testing.assert_array_equal(

@@ -300,7 +300,6 @@ def test_preview_plans_first(zoomed, tmp_path):
     settings = zoomed.crowd_lod
     assert not settings.shot_plan  # the user's own scene stays
     settings.shot_plan = str(tmp_path / "preview" / "plan.npz")
-    settings.lod_pictures = False
     again = Preview(frames=[6], folder=tmp_path / "again", width=64)
     assert verdict_in(plan) == verdict_in(finished(preview(zoomed, again, []))) != ""
     settings.seed += 1  # the plan is of another crowd

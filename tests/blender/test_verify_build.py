@@ -51,7 +51,6 @@ def _make_street():
     settings.count = 40
     settings.size = (16, 16)
     settings.level_count = 2
-    settings.method = "DECIMATE"
     settings.thresholds[0] = 0.2
     bpy.ops.crowd_lod.populate()
     bpy.ops.crowd_lod.make_levels()

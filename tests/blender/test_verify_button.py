@@ -20,8 +20,6 @@ FINER = -1  # verify finds other colors in LODs of coarser characters
 def small(scene):
     settings = scene.crowd_lod
     settings.verify_count = 2
-    settings.verify_width = 64
-    settings.verify_samples = 1
     return settings
 
 
@@ -42,8 +40,8 @@ def test_a_few_frames_of_the_shot_are_proved_and_reported(levelled, tmp_path, ca
     assert (
         result["ok"]
         and [row["frame"] for row in result["frames"]] == [1, 30]
-        and result["width"] == 64
-        and result["samples"] == 1
+        and result["width"] == 320
+        and result["samples"] == 4
     )
     worst = result["agents"][worst_agents(result["agents"])[0]]
     assert proof.filepath.endswith(f"frame_{worst['frame']:04d}_agents.png")

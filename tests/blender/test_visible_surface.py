@@ -31,9 +31,9 @@ def sphere(radius, size):
     return bpy.data.objects.new("sphere", mesh)
 
 
-def off(objects, level, **settings):
+def off(objects, level):
     """(deviation, bound) of a LOD, meters."""
-    found = finished(deviation.measure(GROUP, objects, [level], **settings))
+    found = finished(deviation.measure(GROUP, objects, [level]))
     return found.deviations[0], found.bounds[0]
 
 
@@ -61,7 +61,6 @@ def clear(mode):
 def test_a_sphere_within_a_sphere_does_not_count():
     character, level = nested()
     assert off(character, level)[1] < 0.001
-    assert off(character, level, hidden_counts=True)[0] > 0.05
 
 
 @pytest.mark.parametrize("kind", ["cut-out", "glass"])
@@ -178,6 +177,8 @@ def test_a_bone_that_bends_alone_is_found_though_no_pose_has_it():
     worst = 0.0
     with Posed([body], [[level]]) as posed:
         for number in range(1, bones):
-            one, other = (PosedSurface([shape], True) for shape in posed.shapes(6.0 * number + 4))
+            shape, level_shape = posed.shapes(6.0 * number + 4)
+            one = PosedSurface([shape])
+            other = PosedSurface([level_shape], one)
             worst = max(worst, compare_surfaces(one, other, [1.0])[0][0])
     assert worst <= bound <= 1.2 * worst

@@ -10,7 +10,6 @@ import pytest
 from crowd_lod_extension.crowd_lod.crowd.machine_edits import add_state
 from crowd_lod_extension.crowd_lod.crowd.state_machine import preset_text
 from crowd_lod_extension.operators.blender import steps as work
-from crowd_lod_extension.operators.lod_meshes.made_for import Forecast
 from crowd_lod_extension.operators.machine.machine_editor import change, draft_of, problem_of
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 from crowd_lod_extension.operators.ui import steps
@@ -55,7 +54,7 @@ def test_the_sidebar_keeps_its_answers_while_a_step_is_at_work(levelled, monkeyp
     with monkeypatch.context() as context:
         context.setattr(work, "_at_work", ["a step"])
         levelled.crowd_lod.characters.children[0].name = "renamed"
-        levelled.crowd_lod.method = "POSE_AWARE"
+        levelled.crowd_lod.ratios[1] = 0.2
         assert answers == (
             steps.next_operator(levelled),
             steps.messages(levelled),
@@ -63,13 +62,6 @@ def test_the_sidebar_keeps_its_answers_while_a_step_is_at_work(levelled, monkeyp
         )
     assert steps.next_operator(levelled) == "crowd_lod.populate" != answers[0]
     assert steps.messages(levelled) != answers[1] and steps.news_of_lods(levelled) != answers[2]
-
-
-def test_groups_that_lose_their_lods_are_not_called_finer():
-    rows = ("a", (1.0, 0.4), (1.0,)), ("b", (1.0,), (1.0, 0.1)), ("c", (1.0, 0.1), (1.0, 0.2))
-    told = Forecast(1.0, rows)
-    assert told.short == "About: 1 group coarser, 1 group finer, 1 group without LODs"
-    assert "a from 100, 40% of the triangles to no LODs" in told.sentence
 
 
 def places(scene):

@@ -183,5 +183,5 @@ def test_where_shading_counts_a_lod_begins_where_both_allow():
         assert limits(
             both, straight(kind="ORTHO"), np.ones(1), deviations([group], both)
         ).tolist() == [[-np.inf, -np.inf, np.inf]]
-        with pytest.raises(CrowdError, match="Measure LOD Meshes"):
+        with pytest.raises(CrowdError, match="Make LOD Meshes"):
             deviations([replace(group, shaded=())], both)

@@ -84,7 +84,6 @@ STEPS = (
     "bake",
     "populate",
     "remove_build",
-    "measure_levels",
     "make_levels",
     "frame",
     "look",

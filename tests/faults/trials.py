@@ -74,9 +74,7 @@ def small(file: Path) -> None:
         scene.crowd_lod.characters.children.unlink(bpy.data.collections[name])
     coarsen(scene.crowd_lod)
     scene.crowd_lod.count = 20
-    scene.crowd_lod.method = "DECIMATE"
     scene.crowd_lod.level_count = 2
-    scene.crowd_lod.lod_pictures = False
     scene.frame_end = 3
     scene.crowd_lod.goal_labels = "left edge, right edge"
     store_groups(scene.crowd_lod, measure_groups(scene))

@@ -97,13 +97,10 @@ def quicken(scene: bpy.types.Scene, folder: str = "") -> None:
     one.
     """
     settings = scene.crowd_lod
-    scene.frame_end, settings.method, settings.count = 5, "DECIMATE", min(settings.count, 200)
+    scene.frame_end, settings.count = 5, min(settings.count, 200)
     settings.frames = "1,5"
     settings.width = 64
-    settings.lod_pictures = False
     settings.verify_count = 1
-    settings.verify_width = 32
-    settings.verify_samples = 1
     settings.output_folder = folder or settings.output_folder
     if settings.characters:
         coarsen(settings)

@@ -64,7 +64,6 @@ def scene():
         swing.keyframe_insert("rotation_euler", frame=frame)
     for item in (prop, swing):
         adult.objects.link(item)
-    scene.crowd_lod.method = "DECIMATE"  # the quickest
     with bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[0]):
         assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
         assert bpy.ops.crowd_lod.make_levels() == {"FINISHED"}

@@ -221,7 +221,6 @@ def test_a_preview_is_drawn_by_the_overlay(tmp_path, capfd):
     coarsen(settings)
     # the quickest
     settings.choice = "BY_RATIO"
-    settings.method = "DECIMATE"
     for name in ("child", "heavy"):
         settings.characters.children.unlink(settings.characters.children[name])
     list(make_levels(bpy.context.scene))
@@ -234,7 +233,6 @@ def test_a_preview_is_drawn_by_the_overlay(tmp_path, capfd):
         "--width",
         "160",
         "--quiet",
-        "--no-lod-pictures",
     ]
 
     def run(*words):

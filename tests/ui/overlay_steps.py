@@ -207,7 +207,6 @@ def local_view():
 
 def build():
     """Characters are drawn only where the build does not show."""
-    settings().method = "DECIMATE"
     settings().choice = "BY_RATIO"
     settings().level_count = 2
     yield from robot.press("crowd_lod.make_levels")

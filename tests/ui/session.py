@@ -149,7 +149,6 @@ def threshold(*values: float):
 
 
 def levels():
-    settings().method = "DECIMATE"  # the quickest
     status = yield from robot.press("crowd_lod.make_levels")
     yield 1.0
     for part in ("06_levels_a", "06_levels_b", "06_levels_c"):
@@ -239,7 +238,6 @@ def preview():
     settings().output_folder = str(FOLDER / "output")
     settings().frames = "1,60"
     settings().width = 320
-    settings().lod_pictures = False  # tests/blender/test_lod_table.py looks at them
     before = robot.snapshot()
     status = yield from robot.press("crowd_lod.preview")
     yield from robot.picture("08_preview_done")

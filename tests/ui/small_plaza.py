@@ -47,7 +47,6 @@ def saved(path: str, folder: str):
         "add_crowd",
         "populate",
         "make_levels",
-        "measure_levels",
         "except_agent",
         "except_agent",
         "plan_shot",

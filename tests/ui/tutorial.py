@@ -83,13 +83,10 @@ def own_scene():
     scene().render.resolution_y = 540
     settings().count = 500 if FOR_PAGE else 150
     settings().verify_count = 1
-    settings().verify_width = 160
     settings().output_folder = str(FOLDER / "output")
     if FOR_PAGE:
         bpy.context.preferences.system.viewport_aa = "8"
     else:
-        settings().method = "DECIMATE"  # the quickest
-        settings().verify_samples = 1
         scene().frame_end = 8
         scene().render.resolution_percentage = 50
 
