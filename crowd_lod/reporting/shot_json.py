@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-
 from ..shot.budget import BudgetPlan
 from ..shot.budget_points import BudgetPoint
 from ..shot.curve import of_full_detail

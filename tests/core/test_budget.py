@@ -205,18 +205,32 @@ def test_plan_costs_no_more_than_a_greedy_and_errs_no_more(engine, part):
 
 @pytest.mark.once
 @pytest.mark.parametrize("part", [0, 0.01, 0.1, 0.3, 0.6, 0.9, 1])
-def test_plan_is_within_three_percent_of_its_bound(part):
+def test_plan_is_within_four_percent_of_its_bound(part):
     shot = plaza(1500)
     limit = between(shot, part)
     plan = finished(decide_within(shot, Budget(triangles=limit)))
     assert loads(shot, plan.levels, shot.meshes.triangles).max() <= limit
-    assert plan.bound <= 0.03
+    assert plan.bound <= 0.04  # of plans that need not keep the budget
     assert plan.bill.error <= max(plan.tolerance, 1.0) and plan.bill.most <= 2 * max(
         plan.tolerance, 1.0
     )
     if plan.tolerance:  # less than it has to spare does not fit
         tight = relaxed(shot, plan.tolerance / (1.003 * SPARE))
         assert loads(shot, tight.coarsest, shot.meshes.triangles).max() > limit
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_lods_do_not_tremble_with_the_camera(engine):
+    shot = plaza(engine=engine)
+    grid = Grid(shot.survey)
+    grid.kind[:] = grid.kind[-1]
+    trembling = np.random.default_rng(5).normal(1, 0.01, (len(grid.scale), 1))
+    grid.scale[:] = grid.scale[-1] * trembling
+    shot = replace(shot, survey=at_tolerance(shot.survey, shot.meshes.bounds, 1.0))
+    plan = finished(decide_within(shot, Budget(triangles=between(shot, 0.3))))
+    tight = relaxed(shot, plan.tolerance / SPARE)
+    assert plan.tolerance
+    assert plan.bill.switches.sum() < 0.1 * Bill(tight, tight.coarsest).switches.sum()
 
 
 @pytest.mark.parametrize("engine", ENGINES)
