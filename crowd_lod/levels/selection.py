@@ -10,12 +10,14 @@ from ..crowd.agents import Group
 from ..culling.camera import Camera
 from ..errors import CrowdError
 from ..format import number
+from ..progress import finished
 from .assignment import MOST_LEVELS, LevelPolicy, deviations, limits
 from .cost_model import NAMES, Actors, Costs, Holdings, Price, price, work_of
+from .least_tolerance import least_tolerance
 
 LEAST_SAVED = 0.2  # of the triangles of the next finer LOD, else a LOD is not worth a mesh
 WORTH = 0.05  # of the least time or memory that is found: what a LOD has to save
-STEPS = 60  # of a tolerance that is raised until LODs fit in memory, four to its double
+MOST_RAISED = 2.0**15  # factor by which a tolerance rises at most until LODs fit in memory
 # between two frames that were looked at, agents may be nearer or farther by this factor
 BETWEEN = 1.25
 CLOSE = 1.05  # so many times as far is about as far
@@ -304,34 +306,33 @@ def fit_in_memory(
 ) -> tuple[float, list[list[int]], list[tuple[int, ...]]]:
     """Return the least tolerance at which the groups' LODs fit in `memory` bytes.
 
-    Returns (tolerance in pixels, candidates that each group keeps, candidates that it builds). The
-    tolerance starts at the given one and rises by a factor of 2^(1/4) per step, STEPS steps at
-    most.
+    Returns (tolerance in pixels, candidates that each group keeps, candidates that it builds).
+    tolerance: pixels, to begin with.
     CrowdError if none is enough.
     """
-    least = np.inf
-    for step in range(STEPS):
-        reached = tolerance * 2 ** (step / 4)
-        counted = [
-            counting(group, reached, shot) for group, shot in zip(groups, shots, strict=True)
-        ]
-        keep = [
-            choose(group, reached, shot.views)[0]
-            for group, shot in zip(counted, shots, strict=True)
-        ]
-        builds = [
-            _least(*each)
-            for each in zip(counted, keep, [reached] * len(groups), shots, strict=True)
-        ]
-        total = sum(price.memory for _, price in builds)
-        least = min(least, total)
-        if total <= memory:
-            return (
-                reached,
-                [sorted({0, *choice}) for choice, _ in builds],
-                [choice for choice, _ in builds],
-            )
-    raise CrowdError(
-        f"The characters cannot take less than {np.ceil(least / 1e6):,.0f} MB: set Memory for "
-        f"Characters to that, or use fewer character groups."
-    )
+
+    def built(pixels: float) -> list[tuple[tuple[int, ...], Price]]:
+        found = []
+        for group, shot in zip(groups, shots, strict=True):
+            counted = counting(group, pixels, shot)
+            keep, _ = choose(counted, pixels, shot.views)
+            found.append(_least(counted, keep, pixels, shot))
+        return found
+
+    def bytes_at(pixels: float) -> float:
+        return sum(price.memory for _, price in built(pixels))
+
+    most = MOST_RAISED * tolerance
+    least = bytes_at(most)
+    if least > memory:
+        raise CrowdError(
+            f"The characters cannot take less than {np.ceil(least / 1e6):,.0f} MB: set Memory for "
+            f"Characters to that, or use fewer character groups."
+        )
+    reached = tolerance
+    if bytes_at(tolerance) > memory:
+        reached = finished(
+            least_tolerance(lambda pixels: bytes_at(pixels) <= memory, tolerance, most)
+        )
+    choices = [choice for choice, _ in built(reached)]
+    return reached, [sorted({0, *choice}) for choice in choices], choices

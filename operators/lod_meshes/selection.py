@@ -14,8 +14,9 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame_range import spread_evenly
 from ...crowd_lod.levels.assignment import LevelPolicy
 from ...crowd_lod.levels.budget_fit import Budget, BudgetSearch
+from ...crowd_lod.levels.least_tolerance import least_tolerance
 from ...crowd_lod.levels.selection import (
-    STEPS,
+    MOST_RAISED,
     GroupShot,
     View,
     cheapest,
@@ -24,7 +25,7 @@ from ...crowd_lod.levels.selection import (
     fit_in_memory,
     priced,
 )
-from ...crowd_lod.progress import standing
+from ...crowd_lod.progress import finished, standing
 from ...crowd_lod.shot.exceptions import lod_limits
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_data
@@ -206,15 +207,26 @@ def choose_candidates(
     raised = reached if reached > limits.tolerance else 0.0
     if not limits.memory:
         return replace(choice, keep=keep, dropped=[{}] * len(groups), budget_tolerance=raised)
-    for step in range(STEPS):
-        wider = replace(limits, tolerance=reached * 2 ** (step / 4))
-        choice = _choose_by_tolerance(wider, groups, shots, meters, measured, given)
-        allowed = max(wider.tolerance, choice.tolerance)
-        if search.hold(choice.built, allowed):
-            return replace(choice, tolerance=allowed, budget_tolerance=allowed)
-    raise CrowdError(
-        "No LODs hold both the budget and Memory for Characters: raise one of them, or set it to 0."
-    )
+
+    def chosen(tolerance: float) -> Choice:
+        wider = replace(limits, tolerance=tolerance)
+        found = _choose_by_tolerance(wider, groups, shots, meters, measured, given)
+        return replace(found, tolerance=max(tolerance, found.tolerance))
+
+    def fits(tolerance: float) -> bool:
+        found = chosen(tolerance)
+        return search.hold(found.built, found.tolerance)
+
+    most = MOST_RAISED * reached
+    if not fits(most):
+        raise CrowdError(
+            "No LODs hold both the budget and Memory for Characters: raise one of them, or set it "
+            "to 0."
+        )
+    if not fits(reached):
+        reached = finished(least_tolerance(fits, reached, most))
+    choice = chosen(reached)
+    return replace(choice, budget_tolerance=choice.tolerance)
 
 
 def _choose_by_tolerance(
