@@ -5,8 +5,8 @@
 Each crowd of CROWDS, and one of each character FILE (glTF, FBX), is built live and baked over
 FRAMES, with LODs by tolerance. Cycles renders each build, and the same scene without crowd and
 characters, 640 pixels wide, each in a process of its own. Measured is what the crowd adds to the
-largest memory of the process. At the end the coefficients of MEMORY (crowd_lod/levels/cost_model.py)
-are fitted to all builds.
+largest memory of the process. At the end the coefficients of MEMORY
+(crowd_lod/levels/cost_model.py) are fitted to all builds.
 """
 
 import tempfile

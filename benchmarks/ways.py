@@ -8,7 +8,7 @@ everyone          every agent an instance of its full mesh, moved by the rig of 
                   the strongest rival
 camera cull       the same, by Cycles' camera culling (Simplify), ticked on the source objects
 geometry nodes    a tree that deletes the points outside the frustum and gives the others their LOD
-by distance          the build, which plans the frame and writes its points while it is rendered; LODs
+by distance       the build, which plans the frame and writes its points while it is rendered; LODs
                   of set ratios and distances
 1 px              the same, LODs by tolerance
 1 px, baked       that, baked over the frames with --render-only: only what these show

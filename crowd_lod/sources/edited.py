@@ -34,7 +34,8 @@ class Edit:
 class Edited(AroundTrajectory):
     """The agents of a trajectory, some of them changed by hand.
 
-    Moves of one agent add up; of two groups the later holds; who is hidden once is hidden. All else is as without: agents keep their numbers, and walk, wait and choose as before.
+    Moves of one agent add up; of two groups the later holds; who is hidden once is hidden. All else
+    is as without: agents keep their numbers, and walk, wait and choose as before.
 
     base: the trajectory without edits.
     CrowdError if an edit asks for another group, and the trajectory cannot give it.

@@ -229,5 +229,5 @@ def stop_for_file(*_) -> None:
 
 @handler
 def stop_for_saving(*_) -> None:
-    """End the step before a file is saved, which would hold what is half made (save_pre handler)."""
+    """End the step before the file is saved: it would hold what is half made (save_pre handler)."""
     end_all("was stopped, as the file was saved")

@@ -157,8 +157,8 @@ class Estimate:
 def choices_of(settings) -> dict[str, Choice]:
     """Return the choices of LODs of a crowd with these settings, by their names.
 
-    They are: full detail; by distance, from the settings; and by tolerance, with the LOD meshes that
-    there are. CrowdError if LOD meshes are not made.
+    They are: full detail; by distance, from the settings; and by tolerance, with the LOD meshes
+    that there are. CrowdError if LOD meshes are not made.
     """
     groups = groups_of(settings)
     triangles_of = [group.triangles for group in groups]
