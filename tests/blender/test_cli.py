@@ -57,6 +57,7 @@ def test_preview_of_a_file_leaves_pictures_table_and_plan(tmp_path, capfd):
         "above_0060.png",
         "contact_sheet.png",
         "frames.csv",
+        "levels_adult.png",
         "main_0001.png",
         "main_0060.png",
         "plan.json",
