@@ -10,12 +10,14 @@ PRECISE = 1.002  # factor within which the least tolerance is found
 def least_tolerance(
     fits: Callable[[float], bool], low: float, high: float
 ) -> Generator[float, None, float]:
-    """Find the least tolerance that fits, by bisection: yield the progress, return it.
+    """Find by bisection the least tolerance from `low` on that fits: yield the progress, return it.
 
     fits: whether a tolerance fits, in pixels; what a larger one takes is no more.
-    low: pixels, above 0, which do not fit.
-    high: pixels, which do.
+    low: pixels, above 0.
+    high: pixels, which fit.
     """
+    if fits(low):
+        return low
     width = np.log(high / low)
     while high > PRECISE * low:
         yield 1 - np.log(high / low) / width

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from itertools import combinations
 
 import numpy as np
@@ -311,6 +312,7 @@ def fit_in_memory(
     CrowdError if none is enough.
     """
 
+    @cache
     def built(pixels: float) -> list[tuple[tuple[int, ...], Price]]:
         found = []
         for group, shot in zip(groups, shots, strict=True):
@@ -329,10 +331,7 @@ def fit_in_memory(
             f"The characters cannot take less than {np.ceil(least / 1e6):,.0f} MB: set Memory for "
             f"Characters to that, or use fewer character groups."
         )
-    reached = tolerance
-    if bytes_at(tolerance) > memory:
-        reached = finished(
-            least_tolerance(lambda pixels: bytes_at(pixels) <= memory, tolerance, most)
-        )
+    search = least_tolerance(lambda pixels: bytes_at(pixels) <= memory, tolerance, most)
+    reached = finished(search)
     choices = [choice for choice, _ in built(reached)]
     return reached, [sorted({0, *choice}) for choice in choices], choices

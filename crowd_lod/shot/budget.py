@@ -1,8 +1,8 @@
 """The shot plan within a budget: the least tolerance that fits, then the least cost under it.
 
-The program of shot.py decides as without a budget, at a tolerance a little above the least. Where it
-keeps finer LODs than a frame has room for, to avoid switches, these weigh less until the plan fits.
-See docs/notes/shot_plan.md.
+The program of shot.py decides as without a budget, at a tolerance a little above the least. Where
+it keeps finer LODs than a frame has room for, to avoid switches, these weigh less until the plan
+fits. See docs/notes/shot_plan.md.
 """
 
 from collections.abc import Generator
@@ -179,7 +179,8 @@ def _within(shot: Shot, limits: _Limits, plan: ShotPlan) -> Generator[float, Non
     coarsest = Bill(shot, shot.coarsest)
     within = [found for found in (coarsest, plan.bill) if limits.hold(shot, found.agents_shown)]
     low = LEAST * plan.weight
-    weight = high = plan.weight
+    high = plan.weight
+    weight = high
     for step in range(STEPS):
         solving = _solutions(shot, plan.thresholds, weight, coarsest)
         bills = yield from share(solving, step / STEPS, (step + 1) / STEPS)
@@ -197,8 +198,10 @@ def _within(shot: Shot, limits: _Limits, plan: ShotPlan) -> Generator[float, Non
 def _solutions(
     shot: Shot, thresholds: Bill, weight: float, coarsest: Bill
 ) -> Generator[float, None, list[Bill]]:
-    """Return what `solutions` finds, and where meshes cost much what costs least among those that
-    the coarsest LODs show: a limit of memory may leave out all others.
+    """Return the bills of `solutions`, and where meshes cost much one more.
+
+    In that one the meshes that the coarsest LODs show cost next to nothing: a limit of memory may
+    leave out all others. Yields the progress.
     """
     bills, _ = yield from share(solutions(shot, thresholds, weight), 0.0, 0.7)
     if thresholds.meshes_matter:

@@ -47,16 +47,16 @@ def add_preview(commands, program: str) -> None:
     command.add_argument(
         "--engine",
         choices=[name.lower() for name in ENGINES],
-        default="workbench",
+        default=Preview.engine.lower(),
         help="what draws the pictures: overlay as the viewport does, by far the fastest (default: "
-        "workbench)",
+        f"{Preview.engine.lower()})",
     )
     command.add_argument(
         "--color",
         choices=choices_of("overlay_color"),
-        default="lod",
+        default=Preview.color.lower(),
         help="colors of the characters; state, group and reason need --engine overlay (default: "
-        "lod)",
+        f"{Preview.color.lower()})",
     )
 
 

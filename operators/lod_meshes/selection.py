@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Generator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import NamedTuple
 
 import bpy
@@ -208,6 +209,7 @@ def choose_candidates(
     if not limits.memory:
         return replace(choice, keep=keep, dropped=[{}] * len(groups), budget_tolerance=raised)
 
+    @cache
     def chosen(tolerance: float) -> Choice:
         wider = replace(limits, tolerance=tolerance)
         found = _choose_by_tolerance(wider, groups, shots, meters, measured, given)
@@ -223,9 +225,7 @@ def choose_candidates(
             "No LODs hold both the budget and Memory for Characters: raise one of them, or set it "
             "to 0."
         )
-    if not fits(reached):
-        reached = finished(least_tolerance(fits, reached, most))
-    choice = chosen(reached)
+    choice = chosen(finished(least_tolerance(fits, reached, most)))
     return replace(choice, budget_tolerance=choice.tolerance)
 
 

@@ -52,7 +52,8 @@ def test_levels_are_there_and_the_characters_untouched(scene):
 
 
 def test_levels_carry_materials_uvs_and_weights_and_follow_the_armature(levelled):
-    scene, levels = levelled, levelled.crowd_lod.levels
+    scene = levelled
+    levels = scene.crowd_lod.levels
     groups = stored_groups.groups_of(scene.crowd_lod)
     scene.frame_set(8)
     levels_seen = [c.name for c in levels.children]
@@ -92,7 +93,8 @@ def test_levels_carry_materials_uvs_and_weights_and_follow_the_armature(levelled
 
 @pytest.mark.once
 def test_a_second_run_replaces_the_first_and_spares_what_the_user_put_there(levelled):
-    scene, levels = levelled, levelled.crowd_lod.levels
+    scene = levelled
+    levels = scene.crowd_lod.levels
     mine = bpy.data.objects.new("Mine", None)
     levels.children[1].objects.link(mine)
     names = sorted(o.name for o in levels.all_objects if o is not mine)
@@ -113,7 +115,8 @@ def test_esc_leaves_nothing(scene):
 
 @pytest.mark.once
 def test_an_error_half_way_keeps_the_levels_that_were_there(levelled):
-    scene, levels = levelled, levelled.crowd_lod.levels
+    scene = levelled
+    levels = scene.crowd_lod.levels
     before = set(bpy.data.user_map())
     scene.crowd_lod.ratios[1] = 0.05
     scene.crowd_lod.ratios[2] = 0.05
