@@ -17,7 +17,6 @@ from . import mesh_data, provenance, removal
 from .ownership import OWNED
 from .scene_data import node_inputs
 
-MADE_OF = "crowd_lod_made_of"  # custom property of such a mesh; see provenance.keep
 NAMES = "start_places", "terrain_mesh"  # the settings that refer to one
 SETTINGS = {"BOOLEAN", "INT", "FLOAT", "ENUM"}
 # settings of a modifier that do not change the shape
@@ -54,12 +53,9 @@ def restore_on_failure(crowds: Sequence[bpy.types.PropertyGroup]) -> Iterator[No
         removal.remove([mesh for mesh in there if mesh.get(OWNED) and not mesh.users])
 
 
-def keep(
-    crowd: bpy.types.PropertyGroup, name: str, mesh: bpy.types.Mesh, inputs: dict[str, str]
-) -> None:
-    """Let the setting `name` of the crowd refer to `mesh`, which was made of these inputs."""
+def keep(crowd: bpy.types.PropertyGroup, name: str, mesh: bpy.types.Mesh) -> None:
+    """Let the setting `name` of the crowd refer to `mesh`."""
     mesh[OWNED] = True
-    provenance.keep(mesh, MADE_OF, inputs)
     setattr(crowd, name, mesh)
 
 

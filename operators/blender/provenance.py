@@ -19,7 +19,7 @@ from ...crowd_lod.progress import finished
 from . import mesh_data, scene_cache, scene_data
 from .animation import curves_and_drivers, players_of
 from .guard import handler
-from .references import blocks_of
+from .references import blocks_of, closure_of
 from .rig_dependencies import (
     moved_values,
     moves_whole,
@@ -91,22 +91,35 @@ def character_digest(
 
     def read() -> list:
         items = sorted(objects, key=_digest_object)
-        movers = [
-            block for block in blocks_of(items, look=False) if isinstance(block, bpy.types.Object)
-        ]
-        order = {
-            mover: f"object {k:04}" for k, mover in enumerate(sorted(movers, key=_digest_object))
-        }
         palette = palette_of(items)
         materials = [[palette[slot.material] for slot in item.material_slots] for item in items]
-        return [
-            *map(_digest_object, items),
-            materials,
-            stance(*items, called=lambda block: _stand_in(block, order)),
-            actions(),
-        ]
+        return [*map(_digest_object, items), materials, character_motion(objects, actions)]
 
-    return _digest_of(objects, read, partial(blocks_of, look=False))
+    return _digest_of("character", objects, read, partial(blocks_of, look=False))
+
+
+def character_motion(
+    objects: Sequence[bpy.types.Object], actions: Callable[[], list] = list
+) -> str:
+    """Return the digest of how a character is set up and moves: rig, pose, modifiers, animation.
+
+    Its own shapes are left out. It is the same in all frames.
+
+    actions: as for character_digest.
+    """
+
+    def read() -> list:
+        movers = closure_of(objects, look=False)
+        shapes = {mover.data for mover in movers}
+
+        def place(mover: bpy.types.Object) -> tuple[str, str]:
+            """Return by what objects are sorted: a shape counts only among those alike."""
+            return _digest_object(mover, shapes), _digest_object(mover)
+
+        order = {mover: f"object {k:04}" for k, mover in enumerate(sorted(movers, key=place))}
+        return [stance(*objects, called=lambda block: _stand_in(block, order)), actions()]
+
+    return _digest_of("motion", objects, read, partial(blocks_of, look=False))
 
 
 def motion_digest(items: Sequence[bpy.types.Object]) -> str:
@@ -150,7 +163,8 @@ def level_digest(home: bpy.types.Collection, characters: Sequence[bpy.types.Obje
         return sorted(objects, key=repr)
 
     return text_digest(
-        _digest_of([*home.objects], read, list, *map(_uid, palette)), tuple(home.instance_offset)
+        _digest_of("LOD", [*home.objects], read, list, *map(_uid, palette)),
+        tuple(home.instance_offset),
     )
 
 
@@ -177,14 +191,19 @@ def _stand_in(block: bpy.types.ID | None, order: Mapping[bpy.types.ID, str]) -> 
 
 
 def _digest_of(
-    items: Sequence[bpy.types.Object], read: Callable[[], list], follow: Callable, *more
+    kind: str,
+    items: Sequence[bpy.types.Object],
+    read: Callable[[], list],
+    follow: Callable,
+    *more,
 ) -> str:
     """Return the digest of what `read` returns; the known one where nothing has changed.
 
+    kind: of digest, of which the items have several.
     follow: items -> all data-blocks that are read.
     more: what else the digest depends on.
     """
-    key = tuple(item.session_uid for item in items)
+    key = kind, *(item.session_uid for item in items)
     stamp = ([_print(item) for item in items], more)
     latest = _known.get(key)
     if latest is None or latest.print != stamp:

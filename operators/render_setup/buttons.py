@@ -13,6 +13,8 @@ from ..blender.operator import Reporting, Stepwise
 from ..characters.cast_provenance import reading, reading_afresh
 from ..characters.group_measuring import measuring_groups
 from ..characters.stored_groups import groups_of, store_groups
+from ..freshness.artifacts import note_build
+from ..freshness.parts import build_parts
 from ..lod_meshes.make_lods import make_levels
 from ..scene import lights
 from ..scene.plan_verdict import plan_verdict
@@ -25,7 +27,6 @@ from .cost_estimate import estimate
 from .frame_update import update
 from .hidden_characters import hide_characters, notes_on_characters
 from .render_setup import build, notes_on_cast, remove_build
-from .staleness import inputs_of, note_build
 from .watched_points import watch_points
 
 
@@ -66,7 +67,7 @@ def prepared(
             elif not earlier_groups:
                 store_groups(settings, groups)
             yield from standing(reading(scene), 0.3 if lacks_levels else 0.0)
-            made_for = inputs_of(scene)
+            made_for = build_parts(scene)
             result = yield from share(work(), 0.3 if lacks_levels else 0.0, 1.0)
             # no more yields: what is half shown could not be put back
             with provenance.unedited():

@@ -3,11 +3,7 @@
 from collections.abc import Iterable
 
 import bpy
-import numpy as np
 
-from ...crowd_lod.culling.camera import Camera
-from ...crowd_lod.frame.planned import numbers_of
-from ...crowd_lod.frame.shadows import Surroundings
 from ..blender import mesh_data
 from ..blender.animation import curves_of, players_of
 from ..blender.provenance import text_digest
@@ -81,29 +77,3 @@ def _properties(item: bpy.types.Object) -> list:
         for home in (item.light_linking.receiver_collection, item.light_linking.blocker_collection)
     ]
     return [*custom_properties(item), item.lightgroup, linked]
-
-
-def cameras_digest(cameras: Iterable[Camera]) -> str:
-    """Return a hash of a frame's cameras."""
-    return text_digest(numbers_of(tuple(cameras)).round(5).tolist())[:8]
-
-
-def lights_digest(around: Surroundings) -> str:
-    """Return a hash of a frame's lights and mirrors, in any order.
-
-    How far an engine lets a light reach is left out: a proof in Cycles is of builds for all
-    engines.
-    """
-    lamps = [
-        (
-            *(light.direction),
-            light.size,
-            light.angle,
-            *(() if light.origin is None else light.origin),
-        )
-        for light in around.lights
-    ]
-    panes = [(*mirror.normal, *mirror.corners.ravel()) for mirror in around.mirrors]
-    return text_digest(
-        *(sorted(np.round(each, 4).tolist() for each in kind) for kind in (lamps, panes))
-    )[:8]

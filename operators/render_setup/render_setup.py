@@ -19,7 +19,8 @@ from ..blender import provenance, removal, scene_data, stored_values
 from ..blender.ownership import OWNED, remove_owned
 from ..characters.cast_provenance import reading
 from ..characters.stored_groups import groups_of
-from ..lod_meshes.made_for import to_make_again
+from ..freshness.artifacts import to_make_again
+from ..freshness.bake_frames import BAKED, CAMERAS, LIGHTS
 from ..lod_meshes.make_lods import TINTS
 from ..scene.scene_crowd import home_of, policy_of, trajectory_of
 from . import played_by
@@ -41,9 +42,6 @@ PLAYED = "crowd_lod_played"  # see played_by.numbers
 ACTIONS = "crowd_lod_actions"  # see played_by.actions
 MADE_OF = "crowd_lod_made_of"  # see _inputs_of_characters
 NOTES = "crowd_lod_notes"  # sentences on what the build does not show
-BAKED = "crowd_lod_baked"  # Rate and Opens (see nodes/baked.py), first and last frame
-CAMERAS = "crowd_lod_cameras"  # of a bake: a digest of each frame's cameras
-LIGHTS = "crowd_lod_lights"  # of a bake: a digest of each frame's lights
 
 UNSEEN_BY = {"LOD": (), "Shadow": ("camera",), "Mirror": ("camera",)}  # kinds of buckets
 

@@ -3,11 +3,14 @@
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import sidebar_answers
-from crowd_lod_extension.operators.lod_meshes.made_for import MADE_FOR
+from crowd_lod_extension.operators.freshness.artifacts import MADE_FOR, note_build
+from crowd_lod_extension.operators.freshness.parts import build_parts
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.render_setup import render_setup, staleness
+from crowd_lod_extension.operators.render_setup import render_setup
 from crowd_lod_extension.operators.ui import steps
 from mathutils import Matrix
+
+from ..support.freshness import changed_since_build
 
 pytestmark = pytest.mark.once  # long, and the same on every Blender
 
@@ -33,7 +36,7 @@ def told_of(scene) -> str:
         (
             sentence
             for sentence, _ in steps.messages(scene)
-            if sentence.startswith("LODs were made ")
+            if sentence.startswith("Changed since Make LOD Meshes")
         ),
         "",
     )
@@ -84,15 +87,15 @@ def test_lods_of_characters_that_were_edited_are_to_be_made_again_and_those_that
     scene.frame_set(1)
     list(make_levels(scene))
     list(render_setup.build(scene))
-    staleness.note_build(scene, staleness.inputs_of(scene))
+    note_build(scene, build_parts(scene))
     scene.frame_set(10)
-    assert not told_of(scene) and not staleness.changed(scene)
+    assert not told_of(scene) and not changed_since_build(scene)
     mesh.data.transform(Matrix.Scale(1.3, 4))
     assert (
-        told_of(scene) == "LODs were made before the character adult changed"
+        told_of(scene) == "Changed since Make LOD Meshes: the character adult"
         and steps.next_operator(scene) == "crowd_lod.make_levels"
     )
-    assert staleness.changed(scene) == ["the character adult"]
+    assert changed_since_build(scene) == ["the character adult"]
     assert "the character adult changed" in render_setup.notes_on_cast(
         scene, finished(render_setup.build(scene))
     )
