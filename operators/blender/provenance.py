@@ -90,10 +90,10 @@ def character_digest(
     """
 
     def read() -> list:
-        items = sorted(objects, key=_digest_object)
+        items = sorted(objects, key=object_digest)
         palette = palette_of(items)
         materials = [[palette[slot.material] for slot in item.material_slots] for item in items]
-        return [*map(_digest_object, items), materials, character_motion(objects, actions)]
+        return [*map(object_digest, items), materials, character_motion(objects, actions)]
 
     return _digest_of("character", objects, read, partial(blocks_of, look=False))
 
@@ -114,7 +114,7 @@ def character_motion(
 
         def place(mover: bpy.types.Object) -> tuple[str, str]:
             """Return by what objects are sorted: a shape counts only among those alike."""
-            return _digest_object(mover, shapes), _digest_object(mover)
+            return object_digest(mover, shapes), object_digest(mover)
 
         order = {mover: f"object {k:04}" for k, mover in enumerate(sorted(movers, key=place))}
         return [stance(*objects, called=lambda block: _stand_in(block, order)), actions()]
@@ -127,18 +127,17 @@ def motion_digest(items: Sequence[bpy.types.Object]) -> str:
 
     It is the same in all frames.
     """
-    called = partial(_stand_in, order={})
     data = [
         # a camera's angles follow its lens, which may be animated
         [
             fact
-            for fact in settings_of(item.data, moved_values(item), (), called)
+            for fact in settings_of(item.data, moved_values(item), (), _nameless)
             if "angle" not in str(fact)
         ]
         for item in items
         if item.data
     ]
-    return text_digest(*(stance(item, called=called) for item in items), data)
+    return text_digest(*(stance(item, called=_nameless) for item in items), data)
 
 
 def level_digest(home: bpy.types.Collection, characters: Sequence[bpy.types.Object]) -> str:
@@ -159,7 +158,7 @@ def level_digest(home: bpy.types.Collection, characters: Sequence[bpy.types.Obje
             numbers = [
                 palette.get(material, material and material.name_full) for material in materials
             ]
-            objects.append((_digest_object(item, shared), numbers))
+            objects.append((object_digest(item, shared), numbers))
         return sorted(objects, key=repr)
 
     return text_digest(
@@ -188,6 +187,10 @@ def _stand_in(block: bpy.types.ID | None, order: Mapping[bpy.types.ID, str]) -> 
     if block is None or isinstance(block, READ):
         return ""
     return order.get(block, "another") if isinstance(block, bpy.types.Object) else block.name_full
+
+
+def _nameless(block: bpy.types.ID | None) -> str:
+    return _stand_in(block, {})
 
 
 def _digest_of(
@@ -248,13 +251,17 @@ def _place(item: bpy.types.Object) -> list[float]:
     return np.array([*item.matrix_basis, *item.matrix_parent_inverse]).ravel().tolist()
 
 
-def _digest_object(item: bpy.types.Object, shared: Container[bpy.types.ID] = ()) -> str:
+def object_digest(item: bpy.types.Object, shared: Container[bpy.types.ID] = ()) -> str:
     """Return the digest of the object itself, without its materials and what moves it.
 
     shared: data that does not count.
     """
     data = "" if item.data in shared else read_shape(item)
-    modifiers = [(m.type, m.show_render, m.show_viewport) for m in item.modifiers]
+    moved = moved_values(item)
+    modifiers = [
+        (modifier.show_render, modifier.show_viewport, settings_of(modifier, moved, (), _nameless))
+        for modifier in item.modifiers
+    ]
     groups = [group.name for group in getattr(item, "vertex_groups", ())]
     return text_digest(
         item.type,
@@ -279,7 +286,7 @@ def _inputs(item: bpy.types.Object) -> list[tuple[str, str]]:
         {curve.data_path for curve in curves_and_drivers(item.animation_data)} if values else set()
     )
     texts = {
-        path: _stand_in(value, {}) if isinstance(value, bpy.types.ID) else repr(value)
+        path: _nameless(value) if isinstance(value, bpy.types.ID) else repr(value)
         for path, value in values.items()
     }
     return sorted((path, text) for path, text in texts.items() if path not in moved)
@@ -325,11 +332,7 @@ def _reading_data(data: bpy.types.ID, weighted: bool) -> Generator[float, None, 
         if weighted:
             yield from _add_weights(hashed, data)
     else:
-        hashed.update(
-            repr(
-                [settings_of(data, called=lambda block: _stand_in(block, {})), *shape_of(data)]
-            ).encode()
-        )
+        hashed.update(repr([settings_of(data, called=_nameless), *shape_of(data)]).encode())
     keys = getattr(data, "shape_keys", None)
     for key in keys.key_blocks if keys is not None else ():
         placed = isinstance(data, bpy.types.Mesh | bpy.types.Lattice)

@@ -17,14 +17,14 @@ from ...crowd_lod.progress import share, standing
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import provenance, removal, scene_data, stored_values
 from ..blender.ownership import OWNED, remove_owned
-from ..characters.cast_provenance import reading
+from ..characters.cast_provenance import cast_inputs, reading
 from ..characters.stored_groups import groups_of
 from ..freshness.artifacts import to_make_again
 from ..freshness.bake_frames import BAKED, CAMERAS, LIGHTS
 from ..lod_meshes.make_lods import TINTS
 from ..scene.scene_crowd import home_of, policy_of, trajectory_of
 from . import played_by
-from .change_detection import made_of, shown_by
+from .change_detection import named_by, shown_by
 from .character_images import IMAGE_BYTES, describe_images, image_bytes, images_of
 from .hidden_characters import unhide_characters
 from .nodes import baked, instances, trees
@@ -150,7 +150,7 @@ def build(
     if complete:
         yield from standing(reading(scene), 0.0)
         of_plan = yield from share(meshes_of_plan(scene), 0.0, 0.2)
-        inputs = yield from standing(_inputs_of_characters(scene, of_plan), 0.2)
+        inputs = _inputs_of_characters(scene, of_plan)
         cast = _current_cast(scene, inputs)
     if cast is None:
         cast = yield from share(make_cast(scene, selection, of_plan=of_plan), 0.2, 1.0)
@@ -185,23 +185,19 @@ def _current_cast(scene: bpy.types.Scene, inputs: dict[str, str]) -> Cast | None
     return Cast(np.array(top[POSED], np.intp), [], notes=str(top.get(NOTES, "")).splitlines())
 
 
-def _inputs_of_characters(
-    scene: bpy.types.Scene, of_plan: np.ndarray | None
-) -> Generator[float, None, dict[str, str]]:
-    """Read all that the characters of a build depend on, but for what it shows.
+def _inputs_of_characters(scene: bpy.types.Scene, of_plan: np.ndarray | None) -> dict[str, str]:
+    """Return digests of all that the characters of a build depend on, but for what it shows.
 
     of_plan: what meshes_of_plan returns.
-
-    Yields between steps, and returns digests by name.
     """
     settings = scene.crowd_lod
     policy = policy_of(settings)
     homes = [home for level in settings.levels.children[: policy.count] for home in level.children]
-    played = yield from played_by.inputs(homes, trajectory_of(scene))
-    levels = made_of(homes, played)
-    yield 0.0
-    return {
-        "the LOD meshes": levels,
+    trajectory = trajectory_of(scene)
+    played = played_by.numbers(trajectory), played_by.actions(trajectory)
+    return cast_inputs(scene) | {
+        "the LOD meshes": named_by(homes),
+        "the actions": provenance.text_digest(played),
         "the shot plan": "" if of_plan is None else provenance.text_digest(of_plan.tolist()),
         "the settings": provenance.text_digest(policy.finest),
     }
