@@ -20,7 +20,7 @@ from ..characters.characters import GROUP, Character, all_characters
 from ..characters.group_measuring import measuring_groups, stands
 from ..characters.stored_groups import store_groups
 from ..machine.scene_world import check_maps
-from ..scene.scene_crowd import trajectory_of
+from ..scene.scene_crowd import read_crowd
 from ..settings import needs
 from ..settings.budgets import budget_of, limits_levels
 from ..sources.record_points import with_record
@@ -187,7 +187,7 @@ def _read_characters(
     if settings.choice == "BY_TOLERANCE":
 
         def look() -> Generator[float, None, list]:
-            return selection.views(scene, settings, trajectory_of(scene, groups))
+            return selection.views(read_crowd(scene, groups=groups))
 
         looking = with_record(scene, scene_data.frames_of(scene), look)
         shots = yield from work.take(looking, 0.05 * reading)

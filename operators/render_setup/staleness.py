@@ -13,9 +13,8 @@ from ..blender import provenance, scene_data
 from ..blender.cameras import read_cameras
 from ..blender.provenance import text_digest
 from ..blender.sidebar_answers import hold, keep_at_work
-from ..machine.scene_world import bias_of
 from ..scene.lights import read_surroundings
-from ..scene.scene_crowd import policy_of, trajectory_of
+from ..scene.scene_crowd import read_crowd
 from ..scene.shot_reference import CAMERA, content_of, plan_inputs
 from .change_detection import cameras_digest, lights_digest
 from .render_setup import BAKED, CAMERAS, LIGHTS
@@ -107,9 +106,7 @@ def inputs_of(scene: bpy.types.Scene) -> dict[str, str]:
     """Return digests of what a bake depends on, by name; a live build follows OF_BAKES."""
     settings = scene.crowd_lod
     render = scene.render
-    trajectory = trajectory_of(scene)
-    bias = bias_of(settings)
-    inputs = plan_inputs(settings, trajectory, policy_of(settings), bias)
+    inputs = plan_inputs(read_crowd(scene))
     homes = [home and home.name for home in (settings.mirrors, settings.see_through)]
     return inputs | {
         "the settings": text_digest(homes, *(getattr(settings, name) for name in SETTINGS)),

@@ -22,11 +22,10 @@ from ..blender.sidebar_answers import hold, keep_at_work
 from ..characters.cast_provenance import reading_afresh
 from ..lod_meshes.made_for import outdated
 from ..lod_meshes.make_lods import make_levels
-from ..machine.scene_world import bias_of
 from ..render_setup import staleness
 from ..render_setup.buttons import bake_frames, build_live
 from ..render_setup.render_setup import BAKED
-from ..scene.scene_crowd import policy_of, trajectory_of
+from ..scene.scene_crowd import read_crowd
 from ..scene.shot_reference import CAMERA, changes_since_plan, reference, stored_plan
 from ..settings import needs
 from ..shot.planned_cameras import note_cameras, plans_these_cameras
@@ -99,10 +98,7 @@ def _changes_of_plan(scene: bpy.types.Scene, thorough: bool) -> Generator[float,
     """
     settings = scene.crowd_lod
     stored = stored_plan(settings)
-    trajectory = trajectory_of(scene)
-    changes = yield from changes_since_plan(
-        scene, trajectory, policy_of(settings), bias_of(settings), films=thorough
-    )
+    changes = yield from changes_since_plan(read_crowd(scene), films=thorough)
     if not thorough and not plans_these_cameras(scene):
         changes.append(CAMERA)
     if stored.numbers.tolist() != list(scene_data.frames_of(scene)):

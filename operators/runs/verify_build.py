@@ -17,6 +17,7 @@ from ..render_setup import bake, frame_update, render_setup, staleness
 from ..render_setup.change_detection import cameras_digest, lights_digest
 from ..render_setup.render_setup import BAKED, CAMERAS, LIGHTS, UNSEEN_BY
 from ..render_setup.view_layers import layers_of
+from ..scene.frame_plan import SceneMoment
 
 # kinds of builds
 MADE = "made for this proof"
@@ -69,15 +70,15 @@ class ProvedBuild:
             for name, columns in rows.items()
         }
 
-    def older_than(self, number: int, film: Sequence, around) -> list[str]:
+    def older_than(self, number: int, moment: SceneMoment) -> list[str]:
         """Return what of a bake's frame `number` was other when it was baked: the camera, the
         lights.
         """
         if self.kind != BAKE:
             return []
         now = {
-            CAMERAS: ("the camera", cameras_digest(film)),
-            LIGHTS: ("the lights", lights_digest(around)),
+            CAMERAS: ("the camera", cameras_digest(moment.eyes)),
+            LIGHTS: ("the lights", lights_digest(moment.around)),
         }
         return [
             name

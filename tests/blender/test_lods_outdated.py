@@ -6,6 +6,7 @@ from crowd_lod_extension.operators.blender import sidebar_answers
 from crowd_lod_extension.operators.lod_meshes.made_for import MADE_FOR
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.render_setup import render_setup, staleness
+from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 from crowd_lod_extension.operators.ui import steps
 from mathutils import Matrix
 
@@ -83,7 +84,7 @@ def test_lods_of_characters_that_were_edited_are_to_be_made_again_and_those_that
         mesh.keyframe_insert("location", frame=frame)
     scene.frame_set(1)
     list(make_levels(scene))
-    list(render_setup.build(scene))
+    list(render_setup.build(read_crowd(scene)))
     staleness.note_build(scene, staleness.inputs_of(scene))
     scene.frame_set(10)
     assert not told_of(scene) and not staleness.changed(scene)
@@ -93,9 +94,9 @@ def test_lods_of_characters_that_were_edited_are_to_be_made_again_and_those_that
         and steps.next_operator(scene) == "crowd_lod.make_levels"
     )
     assert staleness.changed(scene) == ["the character adult"]
-    assert "the character adult changed" in render_setup.notes_on_cast(
-        scene, finished(render_setup.build(scene))
-    )
+    crowd = read_crowd(scene)
+    cast = finished(render_setup.build(crowd))
+    assert "the character adult changed" in render_setup.notes_on_cast(crowd, cast)
     list(make_levels(scene))
     assert not told_of(scene)
     mesh.modifiers.new("Thicker", "SOLIDIFY")
