@@ -31,7 +31,7 @@ from crowd_lod_extension.operators.blender import scene_data
 from crowd_lod_extension.operators.characters.stored_groups import groups_of, store_groups
 from crowd_lod_extension.operators.lod_meshes import selection
 from crowd_lod_extension.operators.render_setup import render_setup
-from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
+from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 from jobs import answer, job, peak_mb
 from worth import LIMIT, show
 
@@ -88,7 +88,7 @@ def make(folder: str, sample: str) -> dict[str, list[dict]]:
     bpy.ops.crowd_lod.populate()
     bpy.ops.crowd_lod.make_levels()
     all_file = _save(folder, "all")
-    shots = finished(selection.views(scene, settings, trajectory_of(scene)))
+    shots = finished(selection.views(read_crowd(scene)))
     groups = groups_of(settings)
     return {engine: _write_builds(folder, all_file, engine, groups, shots) for engine in SAMPLES}
 
@@ -115,7 +115,7 @@ def _write_builds(
         if of_groups not in files:
             scene = _open(all_file, engine)
             _keep(scene.crowd_lod, of_groups)
-            finished(render_setup.build(scene))
+            finished(render_setup.build(read_crowd(scene)))
             files[of_groups] = _save(folder, f"{engine} {rule}")
         builds.append(
             {

@@ -22,6 +22,7 @@ from crowd_lod_extension.crowd_lod.levels.cost_model import MEMORY
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender.ownership import remove_owned
 from crowd_lod_extension.operators.render_setup import bake, cost_estimate, render_setup
+from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 from crowd_lod_extension.sample_scenes.scenery import add, aim, camera, material, tile
 from jobs import answer, job, peak_mb
 
@@ -105,12 +106,14 @@ def make(folder: str, crowd: dict) -> dict:
     bpy.ops.crowd_lod.make_levels()
     row = {}
     for way in WAYS:
-        estimating = cost_estimate.estimate(scene, settings, FRAMES, known=way == "baked")
+        estimating = cost_estimate.estimate(scene, FRAMES, known=way == "baked")
         found = finished(estimating)
         row[way] = found.as_json["By Tolerance"]
         work = vars(found.works["By Tolerance"])
         row[f"{way} work"] = {name: float(np.max(value)) for name, value in work.items()}
-        finished(bake.bake(scene, FRAMES) if way == "baked" else render_setup.build(scene))
+        finished(
+            bake.bake(scene, FRAMES) if way == "baked" else render_setup.build(read_crowd(scene))
+        )
         _save(folder, way)
     render_setup.remove_build(settings)
     remove_owned(settings.levels)

@@ -27,8 +27,9 @@ from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.render_setup import bake, render_setup
 from crowd_lod_extension.operators.render_setup.aovs import materials_of
 from crowd_lod_extension.operators.render_setup.hidden_characters import hide_characters
+from crowd_lod_extension.operators.scene.frame_plan import frame_of, moment_now
 from crowd_lod_extension.operators.scene.lights import read_surroundings
-from crowd_lod_extension.operators.scene.scene_crowd import frame_of
+from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 from jobs import answer, job, peak_mb
 from mathutils import Vector
 from mathutils.bvhtree import BVHTree
@@ -77,7 +78,7 @@ def judge_case(name: str) -> list[dict]:
     scene = street.make_street(AGENTS)
     change(scene)
     finished(make_levels(scene))
-    finished(render_setup.build(scene))
+    finished(render_setup.build(read_crowd(scene)))
     # the frame before may not decide: frames are planned last first
     plans = {number: plan_of(scene, number) for number in reversed(frames)}
     scene.crowd_lod.occlusion = False
@@ -105,7 +106,7 @@ def plan_of(scene: bpy.types.Scene, number: int) -> Frame:
     scene.frame_set(number)
     depsgraph = scene.view_layers[0].depsgraph
     around = read_surroundings(scene, depsgraph, scene_data.time_of(scene))
-    return frame_of(scene, depsgraph, around=around)
+    return frame_of(read_crowd(scene), moment_now(scene, depsgraph, around))
 
 
 def _counts(frame: Frame) -> dict:

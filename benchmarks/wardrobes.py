@@ -12,8 +12,10 @@ import bmesh
 import bpy
 import crowd_lod_extension
 from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.operators.blender.cameras import read_cameras
 from crowd_lod_extension.operators.render_setup.cost_estimate import estimate
-from crowd_lod_extension.operators.scene.scene_crowd import frame_of, trajectory_of
+from crowd_lod_extension.operators.scene.frame_plan import SceneMoment, frame_of
+from crowd_lod_extension.operators.scene.scene_crowd import read_crowd, trajectory_of
 from crowd_lod_extension.sample_scenes.characters import make_characters
 from crowd_lod_extension.sample_scenes.scenery import aim, camera
 
@@ -34,19 +36,16 @@ def main() -> None:
 def measure(slots: int) -> dict:
     """Return what the adult with so many slots costs, as a row of the table."""
     scene = _scene(slots)
-    settings = scene.crowd_lod
     bpy.ops.crowd_lod.populate()
     making = _seconds(bpy.ops.crowd_lod.make_levels)
     trajectory = trajectory_of(scene)
-    depsgraph = bpy.context.evaluated_depsgraph_get()
-    frame_of(scene, depsgraph, 10)
-    planning = _seconds(lambda: frame_of(scene, depsgraph, 11))
+    eyes = read_cameras(scene, bpy.context.evaluated_depsgraph_get())
+    frame_of(read_crowd(scene), SceneMoment(10, eyes))
+    planning = _seconds(lambda: frame_of(read_crowd(scene), SceneMoment(11, eyes)))
     memory = {}
     for engine in scene.render.engine, "CYCLES":
         scene.render.engine = engine
-        memory[engine] = finished(estimate(scene, settings, [10])).as_json["By Distance"][
-            "memory_mb"
-        ]
+        memory[engine] = finished(estimate(scene, [10])).as_json["By Distance"]["memory_mb"]
     eevee, cycles = memory.values()
     return {
         "parts": slots * VARIANTS,

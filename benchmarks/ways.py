@@ -41,7 +41,8 @@ from crowd_lod_extension.operators.render_setup import (
 )
 from crowd_lod_extension.operators.render_setup.hidden_characters import hide_characters
 from crowd_lod_extension.operators.render_setup.shelves import LIBRARY, RIGS
-from crowd_lod_extension.operators.scene.scene_crowd import frame_of, trajectory_of
+from crowd_lod_extension.operators.scene.frame_plan import frame_of, moment_now
+from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 from jobs import answer, peak_mb
 
 NOBODY = "nobody"
@@ -94,7 +95,7 @@ def prepare(
             crowds.spread(scene, agents)
             if way == BAKED:
                 predicted[agents] = finished(
-                    cost_estimate.estimate(scene, scene.crowd_lod, FRAMES, known=True)
+                    cost_estimate.estimate(scene, FRAMES, known=True)
                 ).as_json
                 finished(bake.bake(scene, FRAMES))
             elif way not in (NOBODY, *CROWD_LOD):
@@ -162,7 +163,7 @@ def _counted(scene: bpy.types.Scene, way: str, agents: int) -> dict:
     if not agents:
         render_setup.remove_build(scene.crowd_lod)
         return {}
-    works = finished(cost_estimate.estimate(scene, scene.crowd_lod, FRAMES[:1], known=True)).works
+    works = finished(cost_estimate.estimate(scene, FRAMES[:1], known=True)).works
     if way != EVERYONE:
         finished(bake.bake(scene, FRAMES[:1]))
         return {name: float(np.sum(value)) for name, value in vars(works["By Distance"]).items()}
@@ -224,7 +225,7 @@ def _build(scene: bpy.types.Scene, way: str, path: Path) -> dict:
     begun = time.process_time()
     finished(make_levels(scene))
     levels_end = time.process_time()
-    finished(render_setup.build(scene))
+    finished(render_setup.build(read_crowd(scene)))
     build_end = time.process_time()
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
     return {
@@ -243,14 +244,15 @@ def dress_scene(scene: bpy.types.Scene, way: str) -> None:
     Nothing is left for Crowd LOD to do.
     """
     settings = scene.crowd_lod
-    trajectory = trajectory_of(scene)
+    crowd = read_crowd(scene)
+    trajectory = crowd.trajectory
     top = settings.build
     points = render_setup.points_of(top)
     rows = {name: [] for name in points}
     library = render_setup.library_of(top, trajectory)
     for number in FRAMES:
         scene.frame_set(number)
-        frame = frame_of(scene, scene.view_layers[0].depsgraph, trajectory=trajectory)
+        frame = frame_of(crowd, moment_now(scene, scene.view_layers[0].depsgraph))
         agents = np.arange(len(frame.crowd))
         crowd_now = frame_update.Held(frame.crowd, frame.time)
         for name in points:

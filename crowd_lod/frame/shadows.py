@@ -49,7 +49,6 @@ class Surroundings:
         None if that is not known.
     occluders: scenery that may hide agents; None hides nobody.
     left_out: what is not looked for, and why.
-    finest: each group's finest LOD; () if all have all.
     glows: for each group whether its agents light the picture, wherever they are; () if none does.
     """
 
@@ -58,13 +57,7 @@ class Surroundings:
     box: np.ndarray | None = None
     occluders: Occluders | None = None
     left_out: tuple[LeftOut, ...] = ()
-    finest: tuple[int, ...] = ()
     glows: tuple[bool, ...] = ()
-
-
-def surrounded(planning: Callable[[], Frame], around: Surroundings) -> Frame:
-    """Return the frame that `planning` plans, surrounded; see `surround`."""
-    return surround(planning(), around)
 
 
 def surround(frame: Frame, around: Surroundings) -> Frame:
@@ -95,8 +88,7 @@ def surround(frame: Frame, around: Surroundings) -> Frame:
     if around.glows:
         shade |= unseen & np.array(around.glows)[frame.crowd.group]
     count = len(frame.buckets.counts)
-    finest = np.array(around.finest or [0] * len(trajectory.groups), np.uint8)[frame.crowd.group]
-    levels = np.maximum(finest, np.uint8(count - 1))
+    levels = np.full(len(frame.crowd), count - 1, np.uint8)
     return replace(
         frame,
         shadow=sort(shade & ~reflected, levels, count),

@@ -16,7 +16,6 @@ from ...crowd_lod.progress import share, standing
 from ...crowd_lod.reporting import files, tables
 from ..blender import console, frame_stepping
 from ..blender.output_folders import output_file
-from ..machine.scene_world import bias_of
 from ..render_setup import bake, render_setup, view_layers
 from ..render_setup.buttons import check_blur, prepared
 from ..render_setup.character_images import IMAGE_BYTES
@@ -24,7 +23,7 @@ from ..render_setup.cost_estimate import Estimate, estimate
 from ..render_setup.hidden_characters import notes_on_characters
 from ..render_setup.phase_characters import Cast
 from ..scene.plan_verdict import plan_verdict
-from ..scene.scene_crowd import policy_of, trajectory_of
+from ..scene.scene_crowd import SceneCrowd
 from ..scene.shot_reference import notes_on_shot
 from ..usd import export as usd
 from .options import (
@@ -123,9 +122,9 @@ def build(args) -> dict:
         view_layers.check_layers(scene, args.view_layer or ())
         if not args.bake:
             check_blur(scene)
-        steps = prepared(scene, lambda: _building(args, scene, frames), frames or ())
+        steps = prepared(scene, lambda crowd: _building(args, crowd, frames), frames or ())
         what = f"{'bake' if args.bake else 'build'} of {stem}"
-        predicted, cast, unplanned = finish(steps, what, args.quiet)
+        (predicted, cast, unplanned), crowd, _ = finish(steps, what, args.quiet)
         if args.view_layer:
             view_layers.show_in(scene, args.view_layer)
         points = {
@@ -138,7 +137,7 @@ def build(args) -> dict:
             verdict,
             tables.nobody_seen(points.values()),
             unplanned,
-            render_setup.notes_on_cast(scene, cast),
+            render_setup.notes_on_cast(crowd, cast),
             notes_on_characters(scene),
         ]
         if args.bake:
@@ -195,33 +194,32 @@ def _frames_to_bake(args, scene: bpy.types.Scene) -> list[int] | None:
 
 
 def _building(
-    args, scene: bpy.types.Scene, frames: Sequence[int] | None
+    args, crowd: SceneCrowd, frames: Sequence[int] | None
 ) -> Generator[float, None, tuple[Estimate, Cast, str]]:
     """Build or bake: yield the progress, return (estimate, characters, sentence).
 
     The sentence says why the scene's shot plan does not hold; "" if it does.
     """
-    costs = estimate(scene, scene.crowd_lod, frames or (), args.bake)
+    scene = crowd.scene
+    costs = estimate(scene, frames or (), args.bake)
     predicted = yield from share(costs, 0.0, 0.3)
     if not args.quiet:
         print(predicted.sentence, file=sys.stderr)
-    steps = bake.bake(scene, frames, args.strict) if args.bake else render_setup.build(scene)
+    steps = bake.bake(scene, frames, args.strict) if args.bake else render_setup.build(crowd)
     cast = yield from share(steps, 0.3, 1.0)
     # a live build looks the plan up when its frames are shown
     if args.bake:
         return predicted, cast, ""
-    return predicted, cast, (yield from standing(_note_on_plan(scene, args.strict), 1.0))
+    return predicted, cast, (yield from standing(_note_on_plan(crowd, args.strict), 1.0))
 
 
-def _note_on_plan(scene: bpy.types.Scene, strict: bool) -> Generator[float, None, str]:
-    """Find out whether the scene's shot plan holds; yield the progress.
+def _note_on_plan(crowd: SceneCrowd, strict: bool) -> Generator[float, None, str]:
+    """Find out whether the crowd's shot plan holds; yield the progress.
 
     Returns a sentence if it does not, "" if it does, or there is none.
     CrowdError in its place if that is `strict`.
     """
-    settings = scene.crowd_lod
-    looking = notes_on_shot(scene, trajectory_of(scene), policy_of(settings), bias_of(settings))
-    sentence = yield from looking
+    sentence = yield from notes_on_shot(crowd)
     if sentence and strict:
         raise CrowdError(sentence)
     return sentence

@@ -15,6 +15,7 @@ from ..blender.provenance import text_digest
 from ..blender.sidebar_answers import hold, keep_at_work
 from ..blender.stored_values import contents_of
 from ..characters.cast_provenance import CHARACTER, MOTION
+from ..scene.scene_crowd import read_crowd
 from ..scene.shot_reference import CAMERA, reference, stored_plan
 from ..settings.budgets import NO_BUDGET, holds_anyway
 from ..sources.crowd_parts import crowd_made_of, crowd_parts
@@ -271,8 +272,12 @@ def _build_made_of(scene: bpy.types.Scene) -> Parts:
     return provenance.read_inputs(scene.crowd_lod.build, MADE_FOR)
 
 
+def _bake_parts(scene: bpy.types.Scene) -> Parts:
+    return build_parts(read_crowd(scene))
+
+
 def _live_build_parts(scene: bpy.types.Scene) -> Parts:
-    return {name: part for name, part in build_parts(scene).items() if name not in FOLLOWED}
+    return {name: part for name, part in _bake_parts(scene).items() if name not in FOLLOWED}
 
 
 def _settle_bake(scene: bpy.types.Scene, made_of: Parts, parts: Parts) -> list[Change]:
@@ -320,7 +325,7 @@ LODS = Artifact(
 )
 PLAN = Artifact("crowd_lod.plan_shot", "Plan Shot", _no_plan, _plan_made_of, plan_parts, _differ)
 BUILD = Artifact("crowd_lod.build", "Build", _no_build, _build_made_of, _live_build_parts, _differ)
-BAKE = Artifact("crowd_lod.bake", "Bake", _no_build, _build_made_of, build_parts, _settle_bake)
+BAKE = Artifact("crowd_lod.bake", "Bake", _no_build, _build_made_of, _bake_parts, _settle_bake)
 PROOF = Artifact("crowd_lod.verify", "Verify", _no_proof, _proof_made_of, proof_parts, _differ)
 
 

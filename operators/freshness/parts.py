@@ -15,8 +15,8 @@ from ..blender.provenance import text_digest
 from ..characters.cast_provenance import cast_inputs, of_characters
 from ..characters.characters import GROUP, all_characters
 from ..characters.stored_groups import count_of
-from ..machine.scene_world import actions_named, bias_of
-from ..scene.scene_crowd import policy_of, trajectory_of
+from ..machine.scene_world import actions_named
+from ..scene.scene_crowd import SceneCrowd, read_crowd
 from ..scene.shot_exceptions import digest_of
 from ..scene.shot_reference import ASKED, CAMERA, OVERRIDES, content_of, plan_inputs
 from ..settings.budgets import budget_of, budget_words, limits_levels
@@ -134,7 +134,7 @@ def lods_there(scene: bpy.types.Scene) -> tuple[dict[str, str], dict[str, str]]:
 def plan_parts(scene: bpy.types.Scene) -> dict[str, str]:
     """Return what the scene's shot plan follows from."""
     settings = scene.crowd_lod
-    inputs = plan_inputs(settings, trajectory_of(scene), policy_of(settings), bias_of(settings))
+    inputs = plan_inputs(read_crowd(scene))
     request = request_parts(
         scene, scene_data.frames_of(scene), round(settings.avoid_pops, 6), budget_of(settings)
     )
@@ -147,13 +147,13 @@ def request_parts(scene: bpy.types.Scene, frames, avoid: float, budget: Budget) 
     return dict(zip(ASKED, asked, strict=True))
 
 
-def build_parts(scene: bpy.types.Scene) -> dict[str, str]:
+def build_parts(crowd: SceneCrowd) -> dict[str, str]:
     """Return what a bake follows from; a live build follows FOLLOWED by itself."""
-    settings = scene.crowd_lod
+    scene = crowd.scene
+    settings = crowd.settings
     render = scene.render
-    inputs = plan_inputs(settings, trajectory_of(scene), policy_of(settings), bias_of(settings))
     homes = [home and home.name for home in (settings.mirrors, settings.see_through)]
-    return inputs | {
+    return plan_inputs(crowd) | {
         "the settings": text_digest(homes, *(getattr(settings, name) for name in SETTINGS)),
         "the frame rate": text_digest(
             render.fps, render.fps_base, render.frame_map_old, render.frame_map_new

@@ -22,7 +22,7 @@ from ..characters.stored_groups import store_groups
 from ..freshness.artifacts import note_lods
 from ..freshness.parts import lod_parts
 from ..machine.scene_world import check_maps
-from ..scene.scene_crowd import trajectory_of
+from ..scene.scene_crowd import read_crowd
 from ..settings import needs
 from ..settings.budgets import budget_of, limits_levels
 from ..sources.crowd_parts import measured_parts, note_crowd
@@ -191,7 +191,7 @@ def _read_characters(
     if settings.choice == "BY_TOLERANCE":
 
         def look() -> Generator[float, None, list]:
-            return selection.views(scene, settings, trajectory_of(scene, groups))
+            return selection.views(read_crowd(scene, groups=groups))
 
         looking = with_record(scene, scene_data.frames_of(scene), look)
         shots = yield from work.take(looking, 0.05 * reading)

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import bpy
 import numpy as np
 
-from ...crowd_lod.animation.phase_classes import Library
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.culling.radar import radar
 from ...crowd_lod.errors import CrowdError
@@ -28,15 +27,10 @@ from ...crowd_lod.levels.selection import (
 )
 from ...crowd_lod.progress import finished, standing
 from ...crowd_lod.shot.exceptions import lod_limits
-from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_data
 from ..blender.cameras import reading_cameras
-from ..blender.named_actions import own_performance
-from ..characters.characters import check_measured
 from ..characters.holdings import holdings_of
-from ..characters.rig_needs import Characters
-from ..machine.scene_world import bias_of
-from ..scene.scene_crowd import characters_of
+from ..scene.scene_crowd import SceneCrowd
 from ..scene.shot_exceptions import chosen_exemptions
 from ..settings.budgets import limits_levels
 
@@ -62,46 +56,44 @@ def ratios_of(settings) -> list[float]:
     return ratios
 
 
-def views(
-    scene: bpy.types.Scene, settings, trajectory: Trajectory
-) -> Generator[float, None, list[GroupShot]]:
-    """Find where the shot of `scene` has agents: yield the progress, return the Shots.
+def views(crowd: SceneCrowd) -> Generator[float, None, list[GroupShot]]:
+    """Find where the shot of the crowd's scene has agents: yield the progress, return the Shots.
 
-    settings: of the crowd that `trajectory` is. There is one GroupShot for each group, from up to
+    There is one GroupShot for each group, from up to
     MOST_FRAMES of the shot's frames, with a budget MOST_FOR_BUDGET. A group that no frame shows
     counts as anywhere within the camera's clip range.
     """
+    scene = crowd.scene
+    settings = crowd.settings
+    trajectory = crowd.trajectory
     looked_at = _frames_looked_at(scene, settings)
     frames = scene_data.frames_of(scene)
-    exemptions = chosen_exemptions(scene, trajectory, frames) if limits_levels(settings) else ()
-    bias = bias_of(settings)
+    exemptions = chosen_exemptions(crowd, frames) if limits_levels(settings) else ()
     cameras = yield from standing(reading_cameras(scene, looked_at), 0.0)
     center, radius = (
         np.array([getattr(group, name) for group in trajectory.groups])
         for name in ("center", "radius")
     )
-    characters = characters_of(scene)
     gaits = trajectory.gaits
-    library = cast_of(characters, trajectory)
-    cast = yield from standing(holdings_of(characters, trajectory, library), 0.0)
+    library = crowd.library
+    cast = yield from standing(holdings_of(crowd.characters, trajectory, library), 0.0)
     first = library.first(gaits)
     moving = library.owner(gaits)[np.unique(cast.moved_as)]
     # the part of a group's characters with rigs: those that move parts count where they are made
     rigged = np.bincount(moving, minlength=len(first) - 1) / np.diff(first)
     views_of = [[] for _ in trajectory.groups]
     for number, (frame, eyes) in enumerate(zip(looked_at, cameras, strict=True), start=1):
-        crowd = trajectory.at(frame)
-        visible, distance = radar(crowd, eyes, center, radius)
-        finest, coarsest, hidden = lod_limits(exemptions, frame, len(crowd))
-        if bias is not None:
-            distance = distance * bias.at(crowd.x, crowd.y)
+        agents_then = trajectory.at(frame)
+        visible, distance = radar(agents_then, eyes, center, radius)
+        finest, coarsest, hidden = lod_limits(exemptions, frame, len(agents_then))
+        if crowd.bias is not None:
+            distance = distance * crowd.bias.at(agents_then.x, agents_then.y)
         for g, group_views in enumerate(views_of):
-            agents = np.flatnonzero(visible & ~hidden & (crowd.group == g))
+            agents = np.flatnonzero(visible & ~hidden & (agents_then.group == g))
             if len(agents):
                 away = distance[agents]
-                pose = (
-                    library.character_of(gaits, crowd, trajectory.seconds(frame), agents) - first[g]
-                )
+                seconds = trajectory.seconds(frame)
+                pose = library.character_of(gaits, agents_then, seconds, agents) - first[g]
                 nearest = float(away.min())
                 lods = np.stack([finest[agents], coarsest[agents]], axis=1).astype(np.intp)
                 view = View(eyes[0], nearest, float(away.max()), away, pose, 1, frame, lods)
@@ -127,20 +119,6 @@ def _frames_looked_at(scene: bpy.types.Scene, settings) -> list[int]:
     if limits_levels(settings):
         return spread_evenly(scene_data.frames_of(scene), MOST_FOR_BUDGET)
     return spread_evenly(scene_data.frames_of(scene, settings.step), MOST_FRAMES)
-
-
-def cast_of(characters: Characters, trajectory: Trajectory) -> Library:
-    """Return the Library that a build makes of `characters` (see characters_of) of a `trajectory`.
-
-    A group that plays nothing but an action of one frame has one pose. For every other group, rigs
-    are assumed to be able to show its motion. CrowdError if they are others than the trajectory's.
-    """
-    check_measured(characters, trajectory.groups)
-    still = [
-        own_performance(objects).still and not any(trajectory.gaits.actions)
-        for _, objects, _ in characters
-    ]
-    return Library(np.array(still, np.intp))
 
 
 class Limits(NamedTuple):

@@ -22,7 +22,7 @@ from ..blender.scenery import scenery_of
 from ..characters.stored_groups import groups_of
 from ..freshness.artifacts import CROWD, news_of, stale
 from ..machine.scene_world import bias_of
-from ..scene.scene_crowd import policy_of, trajectory_of
+from ..scene.scene_crowd import SceneCrowd, policy_of, trajectory_of
 from ..scene.scene_occluders import occluders_of
 from ..scene.shot_exceptions import digest_of
 from ..scene.shot_reference import reference, use_of
@@ -181,7 +181,7 @@ def display_now(context, before: Display | None) -> Display:
         ):
             before.looked = looked
             return before
-        frame = _plan_frame(context.scene.crowd_lod, view, trajectory, bias)
+        frame = _plan_frame(SceneCrowd(context.scene, trajectory, view.policy, bias), view)
         display = Display(
             crowd_inputs=crowd_inputs,
             frame_inputs=view.inputs,
@@ -199,13 +199,16 @@ def display_now(context, before: Display | None) -> Display:
         return Display(problem=str(error))
 
 
-def _plan_frame(settings, view: _View, trajectory: Trajectory, bias: Bias | None) -> Frame:
-    scene_eyes = view.eyes if view.region is None else ()
-    use = use_of(settings, trajectory, view.policy, bias, view.time, scene_eyes)
+def _plan_frame(crowd: SceneCrowd, view: _View) -> Frame:
+    use = use_of(crowd, view.time, view.eyes if view.region is None else ())
     request = Request(
-        time=view.time, eyes=view.eyes, policy=view.policy, shutter=view.shutter, bias=bias
+        time=view.time,
+        eyes=view.eyes,
+        policy=crowd.policy,
+        shutter=view.shutter,
+        bias=crowd.bias,
     )
-    frame, _ = hide(plan_of(trajectory, request), view.occluders)
+    frame, _ = hide(plan_of(crowd.trajectory, request), view.occluders)
     return use.applied(replace(frame, left_out=(*frame.left_out, *view.refused)))
 
 

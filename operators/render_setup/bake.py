@@ -24,7 +24,8 @@ from ..blender.removal import removed_on_failure
 from ..characters.cast_provenance import reading
 from ..freshness.bake_frames import cameras_digest, lights_digest
 from ..scene import lights
-from ..scene.scene_crowd import frame_of, policy_of, trajectory_of
+from ..scene.frame_plan import frame_of
+from ..scene.scene_crowd import SceneCrowd, read_crowd
 from ..sources.record_points import on_record
 from .baked_actions import trim_actions
 from .frame_update import Held, columns_of, held_by, members, opening
@@ -65,18 +66,19 @@ def bake(
 
     CrowdError if the shutter is open for a frame (LONGEST) or longer.
     """
-    check_scene(scene)
+    crowd = read_crowd(scene)
+    check_scene(crowd)
     _check_shutter(scene)
-    read = yield from share(read_library(scene), 0.0, 0.2)
+    read = yield from share(read_library(crowd), 0.0, 0.2)
     with removed_on_failure(read.blocks):
         library = Library(read.posed)
-        moments = yield from share(_compute(scene, library, frames, strict), 0.2, 0.8)
-    selection = _select_characters(scene, moments.rows)
-    cast = yield from share(make_cast(scene, selection, read), 0.8, 0.99)
+        moments = yield from share(_compute(crowd, library, frames, strict), 0.2, 0.8)
+    selection = _select_characters(moments.rows, crowd.policy.count)
+    cast = yield from share(make_cast(crowd, selection, read), 0.8, 0.99)
     times = [scene_data.remap(scene.render, number) for number in frames]
     with removed_on_failure(cast.names):
         yield from standing(trim_actions(cast.rigs, times), 0.99)
-    top = install(scene, cast)
+    top = install(crowd, cast)
     mark(scene, frames)
     _write(top, moments)
     dress_all(scene)
@@ -177,16 +179,16 @@ def _used(characters: bpy.types.Collection) -> str:
     return f"{' and '.join(names[:3])} use{'s' * (len(names) == 1)} them" if names else ""
 
 
-def _select_characters(scene: bpy.types.Scene, rows: dict[str, list[_Columns]]) -> list[np.ndarray]:
-    """Return the characters that `rows` show, for each LOD (k,) intp, increasing.
+def _select_characters(rows: dict[str, list[_Columns]], count: int) -> list[np.ndarray]:
+    """Return the characters that `rows` show, for each of `count` LODs (k,) intp, increasing.
 
     Changes `rows`: they then name characters by their place among these.
     """
-    selection = [np.empty(0, np.intp)] * policy_of(scene.crowd_lod).count
-    for bucket in buckets_of(scene):
+    selection = [np.empty(0, np.intp)] * count
+    for bucket in buckets_of(count):
         poses = np.concatenate([columns["pose"] for columns in rows[bucket.name]])
         selection[bucket.level] = np.union1d(selection[bucket.level], poses).astype(np.intp)
-    for bucket in buckets_of(scene):
+    for bucket in buckets_of(count):
         for columns in rows[bucket.name]:
             places = np.searchsorted(selection[bucket.level], columns["pose"])
             columns["pose"] = places.astype(np.int32)
@@ -194,20 +196,21 @@ def _select_characters(scene: bpy.types.Scene, rows: dict[str, list[_Columns]]) 
 
 
 def _compute(
-    scene: bpy.types.Scene, library: Library, frames: Sequence[int], strict: bool
+    crowd: SceneCrowd, library: Library, frames: Sequence[int], strict: bool
 ) -> Generator[float, None, _Moments]:
     """Compute the points of all frames; yields the progress.
 
     library: the characters that the points show.
     """
-    moments = _Moments({bucket.name: [] for bucket in buckets_of(scene)})
+    scene = crowd.scene
+    trajectory = crowd.trajectory
+    moments = _Moments({bucket.name: [] for bucket in buckets_of(crowd.policy.count)})
     points = dict.fromkeys(moments.rows, 0)
-    trajectory = trajectory_of(scene)
     with frame_stepping.step_frames(scene) as at:
         for k, number in enumerate(frames):
             way = approach(trajectory, scene_data.remap(scene.render, number))
             yield from share(way, k / len(frames), (k + 0.9) / len(frames))
-            planning = _plan(scene, trajectory, number, at, moments)
+            planning = _plan(crowd, number, at, moments)
             frame = yield from standing(planning, (k + 0.9) / len(frames))
             moments.unplanned.append(note_of(number, frame.unplanned, strict))
             shutter = held_by(scene, trajectory, number, frame.crowd)
@@ -225,23 +228,19 @@ def _compute(
 
 
 def _plan(
-    scene: bpy.types.Scene,
-    trajectory: Trajectory,
-    number: int,
-    at: frame_stepping.At,
-    moments: _Moments,
+    crowd: SceneCrowd, number: int, at: frame_stepping.At, moments: _Moments
 ) -> Generator[float, None, Frame]:
     """Plan the frame `number`; note its cameras and lights in `moments`.
 
     Yields between steps.
     """
-    time = scene_data.remap(scene.render, number)
-    film, around, shutter = lights.read_moment(scene, time, at)
+    scene = crowd.scene
+    moment = lights.read_moment(scene, scene_data.remap(scene.render, number), at)
     yield from reading(scene)
-    moments.cameras[number] = cameras_digest(film)
-    if WORKBENCH not in around.left_out:  # which does not look for lights
-        moments.lights[number] = lights_digest(around)
-    return frame_of(scene, None, time, film, trajectory, around, shutter)
+    moments.cameras[number] = cameras_digest(moment.eyes)
+    if WORKBENCH not in moment.around.left_out:  # which does not look for lights
+        moments.lights[number] = lights_digest(moment.around)
+    return frame_of(crowd.at_present_frame(), moment)
 
 
 def columns_in_time(

@@ -5,10 +5,12 @@ from collections.abc import Callable, Generator, Sequence
 import bpy
 
 from ...crowd_lod.format import counted
+from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.frame.frame_range import shot_frames
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.progress import Made, share, standing
 from ..blender import frame_stepping, provenance, removal, scene_data
+from ..blender.cameras import read_cameras
 from ..blender.operator import Reporting, Stepwise
 from ..characters.cast_provenance import reading, reading_afresh
 from ..characters.group_measuring import measuring_groups
@@ -17,8 +19,9 @@ from ..freshness.artifacts import note_build
 from ..freshness.parts import build_parts
 from ..lod_meshes.make_lods import make_levels
 from ..scene import lights
+from ..scene.frame_plan import SceneMoment, frame_of
 from ..scene.plan_verdict import plan_verdict
-from ..scene.scene_crowd import frame_of, trajectory_of
+from ..scene.scene_crowd import SceneCrowd, read_crowd, trajectory_of
 from ..settings import needs
 from ..sources.crowd_sources import check_recorded
 from ..sources.record_points import shared_record
@@ -32,18 +35,18 @@ from .watched_points import watch_points
 
 def prepared(
     scene: bpy.types.Scene,
-    work: Callable[[], Generator[float, None, Made]],
+    work: Callable[[SceneCrowd], Generator[float, None, Made]],
     frames: Sequence[int] = (),
-) -> Generator[float, None, Made]:
-    """Run `work()`, a build or a bake of `scene`, after the steps that it needs.
+) -> Generator[float, None, tuple[Made, SceneCrowd, Frame | None]]:
+    """Run `work(crowd)`, a build or a bake of `scene`, after the steps that it needs.
 
     The groups are measured and LOD meshes made, if that is not done yet. The points of crowds are
     recorded once for all of it.
 
     frames: those of the timeline that the work needs.
 
-    Yields the progress and returns the result of the work. Closed early, it leaves the scene as it
-    was.
+    Yields the progress. Returns (the result of the work, the crowd, the frame that a live build
+    shows). Closed early, it leaves the scene as it was.
     """
     settings = scene.crowd_lod
     layer = scene.view_layers[0]
@@ -54,11 +57,12 @@ def prepared(
     estimate = settings.estimate
     groups = earlier_groups or (yield from standing(measuring_groups(scene), 0.0))
     yield from standing(reading_afresh(scene), 0.0)
-    trajectory = trajectory_of(scene, groups)
-    yield from standing(approach(trajectory, scene_data.time_of(scene)), 0.0)
-    around = lights.read_surroundings(scene, layer.depsgraph, scene_data.time_of(scene))
+    crowd = read_crowd(scene, groups=groups)
+    time = scene_data.time_of(scene)
+    yield from standing(approach(crowd.trajectory, time), 0.0)
+    around = lights.read_surroundings(scene, layer.depsgraph, time)
     # what is wrong is said before the work begins
-    frame_of(scene, layer.depsgraph, trajectory=trajectory, around=around, shutter=())
+    frame_of(crowd, SceneMoment(time, read_cameras(scene, layer.depsgraph), around))
     finished = False
     try:
         with removal.all_or_nothing(), shared_record(scene, frames):
@@ -66,18 +70,19 @@ def prepared(
                 yield from share(make_levels(scene), 0.0, 0.3)
             elif not earlier_groups:
                 store_groups(settings, groups)
+            crowd = read_crowd(scene)  # the groups are others
             yield from standing(reading(scene), 0.3 if lacks_levels else 0.0)
-            made_for = build_parts(scene)
-            result = yield from share(work(), 0.3 if lacks_levels else 0.0, 1.0)
+            made_for = build_parts(crowd)
+            result = yield from share(work(crowd), 0.3 if lacks_levels else 0.0, 1.0)
             # no more yields: what is half shown could not be put back
             with provenance.unedited():
                 hide_characters(scene)
                 watch_points(scene)
                 layer.update()
-            update(scene, layer.depsgraph)
+            frame = update(scene, layer.depsgraph)
             note_build(scene, made_for)
             finished = True
-            return result
+            return result, crowd, frame
     finally:
         if not finished and removal.is_there(scene):
             store_groups(settings, earlier_groups)
@@ -96,15 +101,12 @@ def build_live(scene: bpy.types.Scene) -> Generator[float, None, str]:
     if not len(scene.crowd_lod.groups):
         trajectory_of(scene)  # says to populate first
     check_blur(scene)
-    cast = yield from prepared(scene, lambda: build(scene))
-    layer = scene.view_layers[0]
-    layer.update()
-    frame = frame_of(scene, layer.depsgraph, shutter=())
+    cast, crowd, frame = yield from prepared(scene, build)
     sentences = (
         f"{len(frame.without_worn(frame.buckets).order):,} of {frame.people:,} agents stand in the "
         "scene.",
         frame.unplanned,
-        notes_on_cast(scene, cast),
+        notes_on_cast(crowd, cast),
         notes_on_characters(scene),
     )
     return " ".join(filter(None, sentences))
@@ -113,11 +115,11 @@ def build_live(scene: bpy.types.Scene) -> Generator[float, None, str]:
 def bake_frames(scene: bpy.types.Scene) -> Generator[float, None, str]:
     """Bake the frames that `scene` renders: yield the progress, return a sentence on them."""
     frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
-    cast = yield from prepared(scene, lambda: bake(scene, frames), frames)
+    cast, crowd, _ = yield from prepared(scene, lambda _: bake(scene, frames), frames)
     sentences = (
         f"{counted(len(frames), 'frame is', 'frames are')} baked: {shot_frames(frames)}.",
         plan_verdict(scene.crowd_lod, cast.unplanned),
-        notes_on_cast(scene, cast),
+        notes_on_cast(crowd, cast),
         notes_on_characters(scene),
         frame_stepping.describe_unbaked(scene),
     )
@@ -135,7 +137,7 @@ class CROWDLOD_OT_estimate(Stepwise, bpy.types.Operator):
     )
 
     def work(self, scene: bpy.types.Scene) -> Generator[float, None, str]:
-        costs = yield from estimate(scene, scene.crowd_lod)
+        costs = yield from estimate(scene)
         scene.crowd_lod.estimate = costs.table
         return costs.sentence
 

@@ -9,15 +9,13 @@ from typing import NamedTuple
 import bpy
 import numpy as np
 
-from ...crowd_lod.animation.phase_classes import Library
 from ...crowd_lod.culling.coverage import covered_pixels
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import byte_size
-from ...crowd_lod.frame.frame import Frame, plan
+from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.frame.frame_range import shot_frames, spread_evenly
 from ...crowd_lod.frame.hidden import hidden_wholly
 from ...crowd_lod.frame.index_cache import approach
-from ...crowd_lod.frame.shadows import surrounded
 from ...crowd_lod.levels.assignment import LevelPolicy, deviations
 from ...crowd_lod.levels.cost_model import (
     NAMES,
@@ -30,15 +28,14 @@ from ...crowd_lod.levels.cost_model import (
     work_of,
 )
 from ...crowd_lod.progress import aside, share, standing
-from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import frame_stepping, scene_data
 from ..characters.cast_provenance import reading
 from ..characters.holdings import holdings_of
 from ..characters.stored_groups import groups_of
-from ..lod_meshes.selection import MOST_FRAMES, cast_of
-from ..machine.scene_world import bias_of
+from ..lod_meshes.selection import MOST_FRAMES
 from ..scene import lights
-from ..scene.scene_crowd import characters_of, home_of, policy_of, trajectory_of
+from ..scene.frame_plan import frame_by_policy
+from ..scene.scene_crowd import SceneCrowd, home_of, policy_of, read_crowd
 from ..scene.scene_occluders import STAGE
 from ..scene.shot_reference import use_of
 from ..sources.record_points import on_record
@@ -185,13 +182,12 @@ def choices_of(settings) -> dict[str, Choice]:
     return choices
 
 
-@on_record(lambda scene, settings, frames=(), *_, **__: frames)
+@on_record(lambda scene, frames=(), *_, **__: frames)
 def estimate(
-    scene: bpy.types.Scene, settings, frames: Sequence[int] = (), known: bool = False
+    scene: bpy.types.Scene, frames: Sequence[int] = (), known: bool = False
 ) -> Generator[float, None, Estimate]:
     """Estimate what builds with each choice of LODs cost the scene's engine.
 
-    settings: of the crowd.
     frames: the frames of the shot; if empty, those that the scene renders. Up to MOST_FRAMES of
         them are planned.
     known: estimate a bake of these frames. Otherwise estimate builds that may show any frame, and
@@ -201,15 +197,16 @@ def estimate(
     """
     frames = frames or range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
     looked_at = spread_evenly(frames, MOST_FRAMES)
-    trajectory = trajectory_of(scene)
+    crowd = read_crowd(scene)
+    trajectory = crowd.trajectory
+    settings = crowd.settings
     choices = choices_of(settings)
-    check_levels(scene)
-    characters = characters_of(scene)
-    library = cast_of(characters, trajectory)
+    check_levels(crowd)
+    library = crowd.library
     owner = library.owner(trajectory.gaits)
-    cast = yield from standing(holdings_of(characters, trajectory, library), 0.0)
-    views = yield from _look_at(scene, settings, looked_at)
-    of_plan = yield from standing(meshes_of_plan(scene), 1.0)
+    cast = yield from standing(holdings_of(crowd.characters, trajectory, library), 0.0)
+    views = yield from _look_at(crowd, choices, looked_at)
+    of_plan = yield from standing(meshes_of_plan(crowd), 1.0)
     works = {}
     mine = CHOICES[settings.choice]
     costs = scene_data.costs_of(scene)
@@ -232,7 +229,7 @@ def estimate(
             objects = settings.levels.all_objects
             if name == mine:
                 is_held = actors.held_by(agents_shown, baked)
-                objects = _objects_held(characters, settings, is_held, owner)
+                objects = _objects_held(crowd, is_held, owner)
             full_name = f"{name}, Baked" if baked and not known else name
             works[full_name] = _with_images(scene, work, objects)
     hidden = views.hidden, views.hidden_agents, views.refused
@@ -270,17 +267,15 @@ class _Seen(NamedTuple):
 
 
 def _look_at(
-    scene: bpy.types.Scene, settings, numbers: Sequence[int]
+    crowd: SceneCrowd, choices: dict[str, Choice], numbers: Sequence[int]
 ) -> Generator[float, None, _Seen]:
     """Plan the frames of these numbers with each choice of LODs: yield the progress.
 
     The scene's own choice is shown as its shot plan and its overrides say.
     """
+    scene = crowd.scene
+    settings = crowd.settings
     mine = CHOICES[settings.choice]
-    trajectory = trajectory_of(scene)
-    choices = choices_of(settings)
-    library = cast_of(characters_of(scene), trajectory)
-    bias = bias_of(settings)
     samples = scene_data.samples_of(scene)
     agents_shown: dict[str, list[np.ndarray]] = {name: [] for name in choices}
     rays = []
@@ -290,21 +285,19 @@ def _look_at(
         for number_done, number in enumerate(numbers):
             time = scene_data.remap(scene.render, number)
             yield from share(
-                approach(trajectory, time),
+                approach(crowd.trajectory, time),
                 number_done / len(numbers),
                 (number_done + 0.5) / len(numbers),
             )
-            eyes, around, shutter = lights.read_moment(scene, time, at)
+            moment = lights.read_moment(scene, time, at)
             yield from standing(reading(scene), (number_done + 0.5) / len(numbers))
-            use = use_of(settings, trajectory, policy_of(settings), bias, time, eyes)
+            use = use_of(crowd.at_present_frame(), time, moment.eyes)
             for name, choice in choices.items():
-                planning = partial(plan, trajectory, eyes, choice.policy, time, shutter, bias)
-                frame = yield from aside(partial(surrounded, planning, around))
+                chosen = replace(crowd, policy=choice.policy)
+                frame = yield from aside(partial(frame_by_policy, chosen, moment))
                 if name == mine:
                     frame = use.applied(frame)
-                agents_shown[name].append(
-                    _count_shown(frame, library, trajectory, choice.policy.count)
-                )
+                agents_shown[name].append(_count_shown(frame, crowd, choice.policy.count))
             rays.append(samples * covered(frame))
             hidden_agents += hidden_wholly(frame)
             visible = len(frame.without_worn(frame.buckets).order)
@@ -313,39 +306,39 @@ def _look_at(
     counts = {name: np.array(rows) for name, rows in agents_shown.items()}
     share_hidden = hidden_agents / max(in_picture, 1) if settings.occlusion else None
     planned = max(len(numbers) * len(choices), 1)
-    refused = tuple(item.reason for item in around.left_out if item.stage == STAGE)
+    refused = tuple(item.reason for item in moment.around.left_out if item.stage == STAGE)
     return _Seen(counts, np.array(rays), share_hidden, hidden_agents / planned, refused)
 
 
-def _count_shown(frame: Frame, library: Library, trajectory: Trajectory, count: int) -> np.ndarray:
+def _count_shown(frame: Frame, crowd: SceneCrowd, count: int) -> np.ndarray:
     """Return how many agents of the frame show each LOD of each character, (K, N).
 
     count: the number K of LODs.
     """
-    size = int(library.first(trajectory.gaits)[-1])
+    trajectory = crowd.trajectory
+    size = int(crowd.library.first(trajectory.gaits)[-1])
     counts = np.zeros((count, size), np.int64)
     for name, agents in members(frame).items():
         if len(agents):
-            numbers = library.character_of(
-                trajectory.gaits, frame.crowd, trajectory.seconds(frame.time), agents
-            )
+            seconds = trajectory.seconds(frame.time)
+            numbers = crowd.library.character_of(trajectory.gaits, frame.crowd, seconds, agents)
             counts[int(name.rpartition(" ")[2])] += np.bincount(numbers, minlength=size)
     return counts
 
 
 def _objects_held(
-    characters: list, settings, is_held: np.ndarray, owner: np.ndarray
+    crowd: SceneCrowd, is_held: np.ndarray, owner: np.ndarray
 ) -> list[bpy.types.Object]:
-    """Return the objects of the LODs that a build of `characters` shows.
+    """Return the objects of the LODs that a build of the crowd shows.
 
     is_held: (K, N) bool, the LODs of characters that the build holds.
     owner: (N,), the characters' groups.
     """
     return [
         item
-        for g, (name, _, _) in enumerate(characters)
+        for g, (name, _, _) in enumerate(crowd.characters)
         for k in np.flatnonzero(is_held[:, owner == g].any(axis=1))
-        for item in home_of(settings.levels.children[k], g, name).objects
+        for item in home_of(crowd.settings.levels.children[k], g, name).objects
     ]
 
 

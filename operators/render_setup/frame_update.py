@@ -21,7 +21,8 @@ from ..blender.guard import clear_troubles, handler
 from ..blender.main_thread import on_main_thread
 from ..blender.steps import at_work
 from ..scene import lights
-from ..scene.scene_crowd import frame_of, trajectory_of
+from ..scene.frame_plan import SceneMoment, frame_of
+from ..scene.scene_crowd import SceneCrowd, read_crowd
 from ..sources.crowd_sources import crowds_of, is_live, live
 from .appended_builds import standing_still
 from .render_setup import (
@@ -293,8 +294,8 @@ def opening(render: bpy.types.RenderSettings) -> float:
     return opens + (-1e-4 if opens == 1.0 else 1e-4)
 
 
-def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    """Show the scene's current time in its build.
+def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Frame | None:
+    """Show the scene's current time in its build, unless it is baked; return the plan of it.
 
     A pure function of frame and sub-frame.
 
@@ -304,7 +305,7 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """
     top = scene.crowd_lod.build
     if BAKED in top:
-        return
+        return None
     render_now = _rendering.get(scene.session_uid)
     # another scene's compositing nodes show this one, at the same frame
     if render_now is None and depsgraph.mode == "RENDER":
@@ -327,6 +328,7 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     crowd = frame.crowd if frame.time == time else planned.trajectory.at(time)
     write(top, planned.trajectory, frame, planned.held, crowd)
     clear_troubles(scene)
+    return frame
 
 
 def _planned(
@@ -341,9 +343,9 @@ def _planned(
     depsgraph: at `time`.
     blurred: plan all that the shutter sees.
     """
-    check_levels(scene)
-    trajectory = trajectory_of(scene, depsgraph=depsgraph)
-    _check_build(scene)
+    crowd = read_crowd(scene, depsgraph)
+    check_levels(crowd)
+    _check_build(crowd)
     whole = scene_data.remap(scene.render, number)
     with frame_stepping.stage(_stages if _rendering and len(bpy.data.scenes) > 1 else None) as at:
         # a marker's camera becomes the active one only after the handlers of its frame
@@ -357,18 +359,19 @@ def _planned(
         around = lights.read_surroundings(
             scene, depsgraph, whole, [part for part, _ in shutter] or times, at
         )
-    frame = frame_of(scene, depsgraph, whole, film, trajectory, around, shutter)
+    frame = frame_of(crowd, SceneMoment(whole, film, around, shutter))
     if frame.unplanned and _unplanned.get(scene.session_uid) != frame.unplanned:
         print(f"Crowd LOD, frame {number:g}: {frame.unplanned}", file=sys.stderr)
     _unplanned[scene.session_uid] = frame.unplanned
-    held = held_by(scene, trajectory, number, frame.crowd)
-    return Planned(trajectory, frame, held, shutter)
+    held = held_by(scene, crowd.trajectory, number, frame.crowd)
+    return Planned(crowd.trajectory, frame, held, shutter)
 
 
-def _check_build(scene: bpy.types.Scene) -> None:
+def _check_build(crowd: SceneCrowd) -> None:
     """Raise CrowdError if the build cannot show the LODs that the scene has now."""
-    top = scene.crowd_lod.build
-    needed = {bucket.name for bucket in buckets_of(scene) if not bucket.unseen_by}
+    scene = crowd.scene
+    top = crowd.settings.build
+    needed = {bucket.name for bucket in buckets_of(crowd.policy.count) if not bucket.unseen_by}
     if needed - points_of(top).keys():
         raise CrowdError(
             f"The build of {scene.name} lacks LODs that its settings ask for: press Build again."

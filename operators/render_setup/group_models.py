@@ -1,11 +1,12 @@
 """Which character groups rigs can show, and the models of their rigs."""
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator
 from dataclasses import dataclass, field
 
 import bpy
 import numpy as np
 
+from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.progress import share
 from ..blender import removal, scene_data
 from ..blender.named_actions import group_performance
@@ -15,7 +16,7 @@ from ..blender.render_evaluation import as_rendered
 from ..characters.characters import check_measured
 from ..characters.rig_needs import POSES, leads, stands_for
 from ..characters.stored_groups import groups_of
-from ..scene.scene_crowd import characters_of, home_of, policy_of, trajectory_of
+from ..scene.scene_crowd import SceneCrowd, home_of
 from . import rigs
 
 
@@ -35,14 +36,13 @@ class GroupModels:
     blocks: dict[bpy.types.ID, str] = field(default_factory=dict)
 
 
-def read_library(scene: bpy.types.Scene) -> Generator[float, None, GroupModels]:
-    """Model the groups of `scene` with rigs, where rigs can show them.
+def read_library(crowd: SceneCrowd) -> Generator[float, None, GroupModels]:
+    """Model the groups of the crowd with rigs, where rigs can show them.
 
     Yields the progress. Closed early, it leaves nothing behind.
     """
-    characters = characters_of(scene)
-    actions = trajectory_of(scene).gaits.actions
-    measured = groups_of(scene.crowd_lod)
+    characters = crowd.characters
+    measured = groups_of(crowd.settings)
     check_measured(characters, measured)
     library = GroupModels(np.zeros(len(characters), np.intp))
     lead = leads(characters, measured)
@@ -50,7 +50,7 @@ def read_library(scene: bpy.types.Scene) -> Generator[float, None, GroupModels]:
         for g in range(len(characters)):
             if lead[g] == g:
                 family = [v for v, leader in enumerate(lead) if leader == g]
-                modeling = _model_group(scene, family, actions, library)
+                modeling = _model_group(crowd, measured[g], family, library)
                 yield from share(modeling, g / len(characters), (g + 1) / len(characters))
             else:  # a part moves as its wearers do
                 library.posed[g] = library.posed[lead[g]]
@@ -60,26 +60,22 @@ def read_library(scene: bpy.types.Scene) -> Generator[float, None, GroupModels]:
 
 
 def _model_group(
-    scene: bpy.types.Scene, family: list[int], actions: Sequence[str], library: GroupModels
+    crowd: SceneCrowd, measured: Group, family: list[int], library: GroupModels
 ) -> Generator[float, None, None]:
     """Add the models of a group, which also move its parts, to `library`.
 
     family: the numbers of the group and of its parts.
-    actions: those that agents play.
     """
     g = family[0]
-    settings = scene.crowd_lod
-    characters = characters_of(scene)
-    name, objects, _ = characters[g]
-    measured = groups_of(settings)[g]
+    name, objects, _ = crowd.characters[g]
     performance = group_performance(measured, objects)
-    acts = [performance.only(action) for action in actions]
+    acts = [performance.only(action) for action in crowd.trajectory.gaits.actions]
     if all(act.still for act in acts):
         library.posed[g] = 1
         library.models.append([])
         return
-    levels = settings.levels.children[: policy_of(settings).count]
-    homes = [home_of(level, v, characters[v][0]) for v in family for level in levels]
+    levels = crowd.settings.levels.children[: crowd.policy.count]
+    homes = [home_of(level, v, crowd.characters[v][0]) for v in family for level in levels]
     diagonal = measured.diagonal or 2 * measured.radius
     with as_rendered(item for home in homes for item in home.objects) as (stage, actors):
         character = rigs.Acting(name, homes, stage, actors, diagonal)
@@ -91,7 +87,7 @@ def _model_group(
     library.posed[g] = POSES
     library.models.append([])
     frames = max(last - first for act in acts for first, last in act.spans)
-    stands = stands_for(frames, scene_data.frame_rate(scene))
+    stands = stands_for(frames, scene_data.frame_rate(crowd.scene))
     library.notes.append(
         f"{name} is shown as {POSES} still poses, {stands}, so its limbs "
         f"have no motion blur: {reasons[-1]}."

@@ -22,9 +22,7 @@ from ..blender.performance import Performance
 from ..blender.removal import removed_on_failure
 from ..blender.render_evaluation import as_rendered
 from ..lod_meshes.deviation import SOLID
-from ..lod_meshes.selection import cast_of
-from ..machine.scene_world import bias_of
-from ..scene.scene_crowd import characters_of, home_of, policy_of, trajectory_of
+from ..scene.scene_crowd import SceneCrowd, home_of
 from ..scene.shot_reference import planned_cast
 from . import rigs
 from .group_models import GroupModels, read_library
@@ -80,12 +78,12 @@ class _Actors:
 
 
 def make_cast(
-    scene: bpy.types.Scene,
+    crowd: SceneCrowd,
     selection: Selection | None = None,
     library: GroupModels | None = None,
     of_plan: np.ndarray | None = None,
 ) -> Generator[float, None, Cast]:
-    """Make the characters that agents of `scene` may show.
+    """Make the characters that agents of the crowd may show.
 
     selection: the characters to make; None makes all of the LODs that the policy has.
     library: the result of read_library, whose blocks then belong to the Cast.
@@ -94,23 +92,23 @@ def make_cast(
     Yields the progress, 0 to 1, and returns the Cast. Closed early, it leaves nothing behind.
     """
     if library is None:
-        library = yield from share(read_library(scene), 0.0, 0.5)
+        library = yield from share(read_library(crowd), 0.0, 0.5)
     cast = Cast(
         library.posed,
-        [[] for _ in range(policy_of(scene.crowd_lod).count)],
+        [[] for _ in range(crowd.policy.count)],
         notes=library.notes,
     )
     cast.names.update(library.blocks)
     with removed_on_failure(cast.names):
         if selection is None:
-            shelves = _live_shelves(scene, library.posed, of_plan)
+            shelves = _live_shelves(crowd, library.posed, of_plan)
         else:
-            numbers = range(Library(library.posed).first(trajectory_of(scene).gaits)[-1])
+            numbers = range(Library(library.posed).first(crowd.trajectory.gaits)[-1])
             shelves = [
                 [(number, (level, number)) for number in numbers if number in selected]
                 for level, selected in enumerate(selection)
             ]
-        yield from share(_fill_collections(scene, library, shelves, cast), 0.5, 1.0)
+        yield from share(_fill_collections(crowd, library, shelves, cast), 0.5, 1.0)
     idle = [block for block in library.blocks if not block.users]  # of groups that nobody shows
     for block in idle:
         del cast.names[block]
@@ -120,55 +118,48 @@ def make_cast(
     return cast
 
 
-def _live_shelves(
-    scene: bpy.types.Scene, posed: np.ndarray, of_plan: np.ndarray | None
-) -> list[Shelf]:
+def _live_shelves(crowd: SceneCrowd, posed: np.ndarray, of_plan: np.ndarray | None) -> list[Shelf]:
     """Return the shelves of a live build: on each all characters, or what stands in for them.
 
     posed: of the Library. The build holds all meshes, or those `of_plan`; never LODs finer than
     the policy has.
     """
-    trajectory = trajectory_of(scene)
-    policy = policy_of(scene.crowd_lod)
+    policy = crowd.policy
     library = Library(posed)
-    gaits = trajectory.gaits
+    gaits = crowd.trajectory.gaits
     finest = np.array(policy.finest or [0] * len(posed))
     is_held = np.arange(policy.count)[:, None] >= finest[library.owner(gaits)]
     if of_plan is not None:
-        is_held &= hold_shown(of_plan, cast_of(characters_of(scene), trajectory), library, gaits)
+        is_held &= hold_shown(of_plan, crowd.library, library, gaits)
     levels, numbers = stand_ins(is_held, library.roles(gaits)).tolist()
     return [list(enumerate(zip(*row, strict=True))) for row in zip(levels, numbers, strict=True)]
 
 
-def meshes_of_plan(scene: bpy.types.Scene) -> Generator[float, None, np.ndarray | None]:
-    """Read which meshes the frames of the scene's shot plan show, (K, L) bool.
+def meshes_of_plan(crowd: SceneCrowd) -> Generator[float, None, np.ndarray | None]:
+    """Read which meshes the frames of the crowd's shot plan show, (K, L) bool.
 
-    They are LODs of the characters that selection.cast_of numbers. Yields the progress. Returns
+    They are LODs of the characters that the crowd's library numbers. Yields the progress. Returns
     None without a plan that holds.
     """
-    settings = scene.crowd_lod
-    trajectory = trajectory_of(scene)
-    policy = policy_of(settings)
-    shown = yield from planned_cast(scene, trajectory, policy, bias_of(settings))
-    characters = int(cast_of(characters_of(scene), trajectory).first(trajectory.gaits)[-1])
-    return shown if shown is not None and shown.shape == (policy.count, characters) else None
+    shown = yield from planned_cast(crowd)
+    size = crowd.policy.count, int(crowd.library.first(crowd.trajectory.gaits)[-1])
+    return shown if shown is not None and shown.shape == size else None
 
 
 def _fill_collections(
-    scene: bpy.types.Scene, library: GroupModels, shelves: Sequence[Shelf], cast: Cast
+    crowd: SceneCrowd, library: GroupModels, shelves: Sequence[Shelf], cast: Cast
 ) -> Generator[float, None, None]:
     """Make what the shelves show, and put it into the collections of `cast`.
 
     Yields the progress.
     """
-    characters = characters_of(scene)
-    names = [name for name, _, _ in characters]
-    owner = Library(cast.posed).owner(trajectory_of(scene).gaits)
+    names = [name for name, _, _ in crowd.characters]
+    owner = Library(cast.posed).owner(crowd.trajectory.gaits)
     of_numbers: dict[int, set[int]] = {}
     for shelf in shelves:
         for _, (level, number) in shelf:
             of_numbers.setdefault(number, set()).add(level)
-    objects = yield from _make_characters(scene, library, of_numbers, cast)
+    objects = yield from _make_characters(crowd, library, of_numbers, cast)
     for level, shelf in enumerate(shelves):
         cast.collections[level].extend(
             (f"{number:05d} {names[owner[number]]} LOD {level}", objects[mesh])
@@ -177,16 +168,15 @@ def _fill_collections(
 
 
 def _make_characters(
-    scene: bpy.types.Scene, library: GroupModels, of_numbers: dict[int, set[int]], cast: Cast
+    crowd: SceneCrowd, library: GroupModels, of_numbers: dict[int, set[int]], cast: Cast
 ) -> Generator[float, None, dict[Mesh, list[bpy.types.Object]]]:
     """Make the LODs of characters in `of_numbers`: yield the progress, return their objects."""
-    trajectory = trajectory_of(scene)
-    characters = characters_of(scene)
-    levels = scene.crowd_lod.levels.children[: len(cast.collections)]
+    trajectory = crowd.trajectory
+    levels = crowd.settings.levels.children[: len(cast.collections)]
     first = Library(cast.posed).first(trajectory.gaits)
     rig_of: dict = {}
     objects: dict[Mesh, list[bpy.types.Object]] = {}
-    for g, (name, own_objects, _) in enumerate(characters):
+    for g, (name, own_objects, _) in enumerate(crowd.characters):
         homes = [home_of(level, g, name) for level in levels]
         with as_rendered(item for home in homes for item in home.objects) as (stage, actors):
             performance = group_performance(trajectory.groups[g], own_objects)

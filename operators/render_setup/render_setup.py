@@ -22,7 +22,7 @@ from ..characters.stored_groups import groups_of
 from ..freshness.artifacts import to_make_again
 from ..freshness.bake_frames import BAKED, CAMERAS, LIGHTS
 from ..lod_meshes.make_lods import TINTS
-from ..scene.scene_crowd import home_of, policy_of, trajectory_of
+from ..scene.scene_crowd import SceneCrowd, home_of
 from . import played_by
 from .change_detection import named_by, shown_by
 from .character_images import IMAGE_BYTES, describe_images, image_bytes, images_of
@@ -76,29 +76,29 @@ class Bucket:
     unseen_by: tuple[str, ...] = ()
 
 
-def buckets_of(scene: bpy.types.Scene) -> list[Bucket]:
-    """Return the buckets that a build of `scene` has.
+def buckets_of(count: int) -> list[Bucket]:
+    """Return the buckets that a build of so many LODs has.
 
     One per LOD for the agents that the camera sees, and one per LOD for those of which it sees only
     the shadow or only the reflection. The latter are hidden from camera rays and from no others:
     Cycles also counts what a surface scatters toward a lamp as the lamp's light.
     """
-    count = policy_of(scene.crowd_lod).count
     return [
         Bucket(f"{name} {k}", k, hidden) for name, hidden in UNSEEN_BY.items() for k in range(count)
     ]
 
 
-def check_levels(scene: bpy.types.Scene) -> int:
-    """Return the number of LODs; CrowdError if LOD meshes do not fit the settings."""
-    settings = scene.crowd_lod
+def check_levels(crowd: SceneCrowd) -> None:
+    """Raise CrowdError if LOD meshes do not fit the settings."""
+    scene = crowd.scene
+    settings = crowd.settings
     if settings.levels is None:
         raise CrowdError(
             f"The scene {scene.name} has no LOD meshes: press Make LOD Meshes in the Levels of "
             f"Detail panel."
         )
     levels = settings.levels.children
-    count = policy_of(settings).count
+    count = crowd.policy.count
     groups = len(levels[0].children) if levels else 0
     if len(levels) < count or groups != len(settings.groups):
         raise CrowdError(
@@ -109,7 +109,6 @@ def check_levels(scene: bpy.types.Scene) -> int:
     for level in levels[:count]:
         for g, group in enumerate(settings.groups):
             home_of(level, g, group.name)
-    return count
 
 
 def made_from(scene: bpy.types.Scene) -> str:
@@ -130,10 +129,8 @@ def made_from(scene: bpy.types.Scene) -> str:
     )
 
 
-def build(
-    scene: bpy.types.Scene, selection: Selection | None = None
-) -> Generator[float, None, Cast]:
-    """Put point objects and their characters into a collection of the scene.
+def build(crowd: SceneCrowd, selection: Selection | None = None) -> Generator[float, None, Cast]:
+    """Put point objects and their characters into a collection of the crowd's scene.
 
     There is one point object per bucket. What an earlier build made stays, with all that the user
     changed or added there, except the characters. These are made anew, unless nothing that they
@@ -143,29 +140,30 @@ def build(
 
     Yields the progress and returns the Cast. Closed early, it leaves the scene as it was.
     """
-    check_scene(scene)
+    scene = crowd.scene
+    check_scene(crowd)
     complete = selection is None
     cast = of_plan = None
     inputs = {}
     if complete:
         yield from standing(reading(scene), 0.0)
-        of_plan = yield from share(meshes_of_plan(scene), 0.0, 0.2)
-        inputs = _inputs_of_characters(scene, of_plan)
+        of_plan = yield from share(meshes_of_plan(crowd), 0.0, 0.2)
+        inputs = _inputs_of_characters(crowd, of_plan)
         cast = _current_cast(scene, inputs)
     if cast is None:
-        cast = yield from share(make_cast(scene, selection, of_plan=of_plan), 0.2, 1.0)
-    top = install(scene, cast)
+        cast = yield from share(make_cast(crowd, selection, of_plan=of_plan), 0.2, 1.0)
+    top = install(crowd, cast)
     if complete:
         provenance.keep(top, MADE_OF, inputs | _digest_shown(top))
         top[NOTES] = "\n".join(cast.notes)
     return cast
 
 
-def check_scene(scene: bpy.types.Scene) -> None:
-    """Raise CrowdError, before any work is done, if `scene` cannot be built."""
-    scene_data.check_own(scene)
-    check_levels(scene)
-    check_build(scene)
+def check_scene(crowd: SceneCrowd) -> None:
+    """Raise CrowdError, before any work is done, if the crowd's scene cannot be built."""
+    scene_data.check_own(crowd.scene)
+    check_levels(crowd)
+    check_build(crowd.scene)
 
 
 def _current_cast(scene: bpy.types.Scene, inputs: dict[str, str]) -> Cast | None:
@@ -185,21 +183,19 @@ def _current_cast(scene: bpy.types.Scene, inputs: dict[str, str]) -> Cast | None
     return Cast(np.array(top[POSED], np.intp), [], notes=str(top.get(NOTES, "")).splitlines())
 
 
-def _inputs_of_characters(scene: bpy.types.Scene, of_plan: np.ndarray | None) -> dict[str, str]:
+def _inputs_of_characters(crowd: SceneCrowd, of_plan: np.ndarray | None) -> dict[str, str]:
     """Return digests of all that the characters of a build depend on, but for what it shows.
 
     of_plan: what meshes_of_plan returns.
     """
-    settings = scene.crowd_lod
-    policy = policy_of(settings)
-    homes = [home for level in settings.levels.children[: policy.count] for home in level.children]
-    trajectory = trajectory_of(scene)
-    played = played_by.numbers(trajectory), played_by.actions(trajectory)
-    return cast_inputs(scene) | {
+    levels = crowd.settings.levels.children[: crowd.policy.count]
+    homes = [home for level in levels for home in level.children]
+    played = played_by.numbers(crowd.trajectory), played_by.actions(crowd.trajectory)
+    return cast_inputs(crowd.scene) | {
         "the LOD meshes": named_by(homes),
         "the actions": provenance.text_digest(played),
         "the shot plan": "" if of_plan is None else provenance.text_digest(of_plan.tolist()),
-        "the settings": provenance.text_digest(policy.finest),
+        "the settings": provenance.text_digest(crowd.policy.finest),
     }
 
 
@@ -208,15 +204,16 @@ def _digest_shown(top: bpy.types.Collection) -> dict[str, str]:
     return {"the build": shown_by(top)}
 
 
-def install(scene: bpy.types.Scene, cast: Cast) -> bpy.types.Collection:
-    """Put characters and missing point objects into the scene's build; return it."""
+def install(crowd: SceneCrowd, cast: Cast) -> bpy.types.Collection:
+    """Put characters and missing point objects into the build of the crowd's scene; return it."""
     upgrade()
+    scene = crowd.scene
     top = _own_build(scene) or _new_build(scene)
-    _describe(scene, top, cast)
+    _describe(crowd, top, cast)
     if cast.collections:
         fill_shelves(scene, top, cast)
     top[IMAGE_BYTES] = float(image_bytes(images_of(top.all_objects)))
-    _fit_points(scene, top)
+    _fit_points(top, crowd.policy.count)
     dress_all(scene)
     return top
 
@@ -229,10 +226,10 @@ def _new_build(scene: bpy.types.Scene) -> bpy.types.Collection:
     return top
 
 
-def _describe(scene: bpy.types.Scene, top: bpy.types.Collection, cast: Cast) -> None:
+def _describe(crowd: SceneCrowd, top: bpy.types.Collection, cast: Cast) -> None:
     """Store in the build which characters it shows; forget what held for those before."""
-    trajectory = trajectory_of(scene)
-    top[MADE_FROM] = made_from(scene)
+    trajectory = crowd.trajectory
+    top[MADE_FROM] = made_from(crowd.scene)
     top[POSED] = cast.posed.tolist()
     top[PLAYED] = played_by.numbers(trajectory)
     top[ACTIONS] = played_by.actions(trajectory)
@@ -240,28 +237,31 @@ def _describe(scene: bpy.types.Scene, top: bpy.types.Collection, cast: Cast) -> 
         top.pop(key, None)
 
 
-def _fit_points(scene: bpy.types.Scene, top: bpy.types.Collection) -> None:
-    """Give the build a point object for each bucket, and remove those of no bucket."""
+def _fit_points(top: bpy.types.Collection, count: int) -> None:
+    """Give the build a point object for each bucket, and remove those of no bucket.
+
+    count: of LODs.
+    """
     surplus = points_of(top)
-    for bucket in buckets_of(scene):
+    for bucket in buckets_of(count):
         points = surplus.pop(bucket.name, None) or _points(top, bucket)
         points[LEVEL] = bucket.level
         points[BUCKET] = bucket.name
     removal.remove([block for points in surplus.values() for block in (points, points.data)])
 
 
-def notes_on_cast(scene: bpy.types.Scene, cast: Cast) -> str:
+def notes_on_cast(crowd: SceneCrowd, cast: Cast) -> str:
     """Return sentences on how the build differs from the characters; "" if nowhere.
 
     Also on edited characters, and on LODs that deviate to fit in Memory for Characters.
     """
     sentences = [
-        to_make_again(scene),
+        to_make_again(crowd.scene),
         *cast.notes,
-        describe_images(scene),
-        *_told_of_memory(scene.crowd_lod),
+        describe_images(crowd.scene),
+        *_told_of_memory(crowd.settings),
     ]
-    slides = trajectory_of(scene).gaits.paces.off
+    slides = crowd.trajectory.gaits.paces.off
     if slides:
         sentences.append(
             f"The state machine has more speeds than characters have walk cycles: feet slide by "

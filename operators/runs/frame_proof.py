@@ -21,7 +21,8 @@ from ..blender import frame_stepping, mesh_data, scene_data
 from ..characters.cast_provenance import reading
 from ..render_setup import bake, frame_update, render_setup
 from ..scene import lights
-from ..scene.scene_crowd import frame_of, policy_of, trajectory_of
+from ..scene.frame_plan import frame_of
+from ..scene.scene_crowd import read_crowd
 from ..scene.shot_reference import stored_plan
 from .lone_agents import LoneStage, Shown, lone_crop, sheet_of
 from .verify_build import MADE, Columns, ProvedBuild, columns_of_members, seen_by_kind
@@ -69,10 +70,10 @@ class Proof:
         scene = self.scene
         settings = scene.crowd_lod
         every = range(2**31)
-        count = policy_of(settings).count
+        crowd = read_crowd(scene)
         others = every if self.proved.kind == MADE else ()
         # also of LODs that are left out to save memory: they are what is proved
-        yield from render_setup.build(scene, [every, *[others] * (count - 1)])
+        yield from render_setup.build(crowd, [every, *[others] * (crowd.policy.count - 1)])
         bake.mark(scene, self.task.frames)  # with motion blur its points move by themselves
         render_setup.dress_all(scene)
         # it holds what is written here, not what the frame asks
@@ -99,12 +100,13 @@ class Proof:
         Returns (what is told of it, its pictures); see FrameParts.store.
         """
         scene = self.scene
-        trajectory = trajectory_of(scene)
+        crowd = read_crowd(scene)
+        trajectory = crowd.trajectory
         time = scene_data.remap(scene.render, number)
         yield from share(approach(trajectory, time), 0.0, 0.1)
-        film, around, shutter = lights.read_moment(scene, time, self.at)
+        moment = lights.read_moment(scene, time, self.at)
         yield from standing(reading(scene), 0.1)
-        planned = frame_of(scene, self.at((), time), time, film, trajectory, around, shutter)
+        planned = frame_of(crowd.at_present_frame(), moment)
         poses = frame_update.held_by(scene, trajectory, number, planned.crowd)
         rows = self.proved.rows(trajectory, planned, poses, number)
         agents_of, strangers = seen_by_kind(rows, len(planned.crowd))
@@ -130,7 +132,7 @@ class Proof:
         row |= agents_row(agents, _tolerance(scene, planned))
         rounded = row["b_largest"] <= DISPLACED and bool(displaced_materials(scene))
         row["culling_ok"] = not strangers and (row["b_pixels"] == 0 or rounded)
-        row["older_than"] = ", ".join(self.proved.older_than(number, film, around))
+        row["older_than"] = ", ".join(self.proved.older_than(number, moment))
         pictures = self.pictures(number)
         if crops:
             pictures.append(self.folder / f"frame_{number:04d}_agents.png")

@@ -40,7 +40,8 @@ from ..overlay.appearance import colors_of
 from ..overlay.draw_data import FRUSTUM
 from ..overlay.playblast import Playblast, need_gpu
 from ..scene import lights
-from ..scene.scene_crowd import characters_of, frame_of, policy_of, trajectory_of
+from ..scene.frame_plan import frame_of, moment_now
+from ..scene.scene_crowd import characters_of, read_crowd, trajectory_of
 from ..settings import needs
 from ..shot.shot_plan import PlannedShot, plan_shot, shot_json, wanted_of, write_levels
 from ..sources.record_points import on_record
@@ -215,12 +216,10 @@ def _with_levels(stage: bpy.types.Scene) -> Generator[float, None, float]:
     settings = stage.crowd_lod
     layer.update()
     store_groups(settings, (yield from standing(measuring_groups(stage), 0.0)))
-    yield from standing(approach(trajectory_of(stage), scene_data.time_of(stage)), 0.0)
-    frame_of(stage, layer.depsgraph)
-    if (
-        settings.levels is not None
-        and deviations(groups_of(settings), policy_of(settings)) is not None
-    ):
+    crowd = read_crowd(stage)
+    yield from standing(approach(crowd.trajectory, scene_data.time_of(stage)), 0.0)
+    frame_of(crowd, moment_now(stage, layer.depsgraph))
+    if settings.levels is not None and deviations(groups_of(settings), crowd.policy) is not None:
         return 0.0
     yield from share(
         (make_levels if settings.levels is None else measure_levels)(stage), 0.0, LEVELS
@@ -239,8 +238,9 @@ def _planned_shot(
     """
     settings = stage.crowd_lod
     frames = range(task.frames[0], task.frames[-1] + 1)
-    most = MOST_PLANNED / max(len(trajectory_of(stage).start), 1)
-    if settings.shot_plan or policy_of(settings).count < 2 or not 1 < len(frames) <= most:
+    crowd = read_crowd(stage)
+    most = MOST_PLANNED / max(len(crowd.trajectory.start), 1)
+    if settings.shot_plan or crowd.policy.count < 2 or not 1 < len(frames) <= most:
         return None
     planned = yield from plan_shot(stage, wanted_of(stage, folder, frames))
     write_levels(folder, planned)
@@ -321,7 +321,8 @@ class _Run:
         yield 0.0
         stage.frame_set(number)
         yield from reading(stage)
-        return frame_of(stage, depsgraph, around=lights.read_surroundings(stage, depsgraph, number))
+        around = lights.read_surroundings(stage, depsgraph, number)
+        return frame_of(read_crowd(stage), moment_now(stage, depsgraph, around))
 
     def _shoot_main(self, path: Path, caption: str) -> None:
         stage = self.on.stage

@@ -16,6 +16,7 @@ from ..overlay.playblast import caption_size
 from ..render_setup import frame_update, render_setup, view_layers
 from ..render_setup.appended_builds import STAGE
 from ..render_setup.hidden_characters import shows_characters
+from ..scene.scene_crowd import read_crowd
 
 # What renders the pictures; the overlay's are drawn, and only the pictures of LODs rendered.
 ENGINES = {
@@ -167,7 +168,7 @@ class Rendered:
         self.tinted_points: list[bpy.types.Object] = []
 
     def prepare(self) -> Iterator[float]:
-        yield from render_setup.build(self.stage)
+        yield from render_setup.build(read_crowd(self.stage))
         # else it would follow each change of frame, and the frame's own times be those of a cache
         self.built = self.stage.crowd_lod.build
         self.stage.crowd_lod.build = None

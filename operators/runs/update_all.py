@@ -28,10 +28,9 @@ from ..freshness.artifacts import (
 )
 from ..freshness.bake_frames import is_bake
 from ..lod_meshes.make_lods import make_levels
-from ..machine.scene_world import bias_of
 from ..render_setup.buttons import bake_frames, build_live
 from ..scene.populate import populate_scene
-from ..scene.scene_crowd import policy_of, trajectory_of
+from ..scene.scene_crowd import read_crowd
 from ..scene.shot_reference import changes_since_plan
 from ..settings import needs
 from ..shot.shot_plan import plan_of_settings
@@ -92,10 +91,7 @@ def _reason(scene: bpy.types.Scene, step: UpdateStep, bakes: bool) -> Generator[
     reason = reason_of(scene, step.artifact)
     if step.artifact is not PLAN or reason or not scene.crowd_lod.use_shot_plan:
         return reason
-    settings = scene.crowd_lod
-    changes = yield from changes_since_plan(
-        scene, trajectory_of(scene), policy_of(settings), bias_of(settings)
-    )
+    changes = yield from changes_since_plan(read_crowd(scene))
     return f"{name_inputs(changes)} changed" if changes else ""
 
 

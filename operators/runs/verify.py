@@ -24,7 +24,8 @@ from ..characters.group_measuring import measuring_groups
 from ..characters.stored_groups import groups_of, store_groups
 from ..lod_meshes.make_lods import make_levels
 from ..render_setup import frame_update
-from ..scene.scene_crowd import characters_of, frame_of, trajectory_of
+from ..scene.frame_plan import frame_of, moment_now
+from ..scene.scene_crowd import characters_of, read_crowd
 from ..sources.record_points import on_record
 from .frame_proof import Proof
 from .lettering import labeled_sheet
@@ -150,8 +151,9 @@ def _prepare_crowd(scene: bpy.types.Scene) -> Generator[float, None, None]:
     """
     settings = scene.crowd_lod
     store_groups(settings, (yield from standing(measuring_groups(scene), 0.0)))
-    yield from standing(approach(trajectory_of(scene), scene_data.time_of(scene)), 0.0)
-    frame_of(scene, scene.view_layers[0].depsgraph)
+    crowd = read_crowd(scene)
+    yield from standing(approach(crowd.trajectory, scene_data.time_of(scene)), 0.0)
+    frame_of(crowd, moment_now(scene, scene.view_layers[0].depsgraph))
     if settings.levels is None:
         yield from share(make_levels(scene), 0.0, LODS_MADE)
 

@@ -25,6 +25,7 @@ from ..freshness.parts import RANGE
 from ..render_setup import bake, frame_update, render_setup
 from ..render_setup.render_setup import UNSEEN_BY
 from ..render_setup.view_layers import layers_of
+from ..scene.frame_plan import SceneMoment
 
 # kinds of builds
 MADE = "made for this proof"
@@ -76,13 +77,14 @@ class ProvedBuild:
             for name, columns in rows.items()
         }
 
-    def older_than(self, number: int, film: Sequence, around) -> list[str]:
+    def older_than(self, number: int, moment: SceneMoment) -> list[str]:
         """Return what of a bake's frame `number` was other when it was baked: the camera, the
         lights.
         """
         if self.kind != BAKE:
             return []
-        return differing_in_frame(self.top, number, cameras_digest(film), lights_digest(around))
+        cameras = cameras_digest(moment.eyes)
+        return differing_in_frame(self.top, number, cameras, lights_digest(moment.around))
 
 
 def columns_of_members(

@@ -14,7 +14,7 @@ from ..blender.cameras import camera_at, read_shutter, shutter_times
 from ..blender.emission import casts, emits
 from ..blender.scenery import SOLID, Placed, Scenery, matrix_of, scenery_of
 from ..characters.glow import glowing
-from .scene_crowd import policy_of
+from .frame_plan import SceneMoment
 from .scene_occluders import needs_shadows, occluders_of
 
 # lights made by nodes or instancing; more are merged into one that holds them all
@@ -73,18 +73,15 @@ def read_surroundings(
         box,
         occluders,
         (*left_out, *refused),
-        policy_of(settings).finest,
         tuple(group.name in glows for group in settings.groups) if glows else (),
     )
 
 
-def read_moment(scene: bpy.types.Scene, time: float, at: frame_stepping.At) -> tuple:
-    """Return (cameras of the eyes, Surroundings, shutter) for a plan at `time`.
-
-    The scene is stepped there by `at`.
-    """
+def read_moment(scene: bpy.types.Scene, time: float, at: frame_stepping.At) -> SceneMoment:
+    """Return the moment of the scene at `time`, to which `at` steps it."""
     film = camera_at(scene, time, at)
-    return film, read_surroundings(scene, at((), time), time, at=at), read_shutter(scene, time, at)
+    around = read_surroundings(scene, at((), time), time, at=at)
+    return SceneMoment(time, film, around, read_shutter(scene, time, at))
 
 
 def _read_lights(

@@ -1,24 +1,89 @@
-"""From the scene's settings to the core's crowd: groups, map, trajectory, plan."""
+"""From the scene's settings to the core's crowd: groups, map, trajectory, LODs."""
 
-from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import bpy
+import numpy as np
 
+from ...crowd_lod.animation.phase_classes import Library
 from ...crowd_lod.crowd.agents import Group
-from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.frame.frame import Frame, plan
-from ...crowd_lod.frame.shadows import Surroundings, surround
-from ...crowd_lod.levels.assignment import LevelPolicy
+from ...crowd_lod.levels.assignment import Bias, LevelPolicy
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_data
-from ..blender.cameras import read_cameras, read_shutter
-from ..characters.characters import GROUP, characters_of
+from ..blender.named_actions import own_performance
+from ..characters.characters import GROUP, characters_of, check_measured
+from ..characters.rig_needs import Characters
 from ..characters.stored_groups import count_of, groups_of, lead_of
 from ..machine.scene_world import bias_of
 from ..sources import crowd_sources
-from .shot_reference import use_of
+
+
+@dataclass(frozen=True, eq=False)
+class SceneCrowd:
+    """The crowd of a scene and its choice of LODs, as a press finds them.
+
+    It is read once a press, a command, a frame of the live build or a drawing of the overlay, and
+    handed on. It is read again after what changes groups: Populate and Make LOD Meshes.
+
+    bias: the map of detail.
+    """
+
+    scene: bpy.types.Scene
+    trajectory: Trajectory
+    policy: LevelPolicy
+    bias: Bias | None = None
+
+    @property
+    def settings(self) -> bpy.types.PropertyGroup:
+        """The settings of the scene."""
+        return self.scene.crowd_lod
+
+    @cached_property
+    def characters(self) -> Characters:
+        """The character groups: see characters_of."""
+        return characters_of(self.scene)
+
+    @cached_property
+    def library(self) -> Library:
+        """The Library that a build makes of the characters.
+
+        A group that plays nothing but an action of one frame has one pose. For every other group,
+        rigs are assumed to be able to show its motion. CrowdError if the characters are others
+        than the trajectory's.
+        """
+        check_measured(self.characters, self.trajectory.groups)
+        still = [
+            own_performance(objects).still and not any(self.trajectory.gaits.actions)
+            for _, objects, _ in self.characters
+        ]
+        return Library(np.array(still, np.intp))
+
+    @property
+    def groups_in_meters(self) -> list[Group]:
+        """The trajectory's groups, with their lengths in meters."""
+        meters = scene_data.meters(self.scene)
+        return [group.scaled(meters) for group in self.trajectory.groups]
+
+    def at_present_frame(self) -> "SceneCrowd":
+        """Return the same agents with LODs as the scene's frame has them: settings may be animated."""
+        return replace(self, policy=policy_of(self.settings), bias=bias_of(self.settings))
+
+
+def read_crowd(
+    scene: bpy.types.Scene,
+    depsgraph: bpy.types.Depsgraph | None = None,
+    groups: tuple[Group, ...] | None = None,
+) -> SceneCrowd:
+    """Read the crowd of `scene`; groups, depsgraph: see trajectory_of.
+
+    CrowdError if the crowd is not populated or a setting is bad.
+    """
+    settings = scene.crowd_lod
+    trajectory = trajectory_of(scene, groups, depsgraph)
+    return SceneCrowd(scene, trajectory, policy_of(settings), bias_of(settings))
 
 
 def set_down(entry: bpy.types.PropertyGroup) -> None:
@@ -117,40 +182,3 @@ def trajectory_of(
             f"panel."
         )
     return crowd_sources.combine_crowds(scene, groups, depsgraph)
-
-
-def frame_of(  # noqa: PLR0913 - most are at hand, and read if not
-    scene: bpy.types.Scene,
-    depsgraph: bpy.types.Depsgraph,
-    time: float | None = None,
-    camera: Camera | Sequence[Camera] | None = None,
-    trajectory: Trajectory | None = None,
-    around: Surroundings | None = None,
-    shutter: Sequence[tuple[float, Sequence[Camera]]] | None = None,
-) -> Frame:
-    """Return the plan of the crowd at `time`, with the LODs of the scene's shot plan if it has one.
-
-    time: frames of the animation; the scene's own if None (see scene_data.time_of).
-    camera: one camera, or the eyes; the active ones as `depsgraph` has them if None.
-    trajectory: the scene's, if it is at hand.
-    around: lights and mirrors; with them, unseen agents that still matter are found, too.
-    shutter: with motion blur, times and cameras of the open shutter; read from the scene if None.
-    """
-    if time is None:
-        time = scene_data.time_of(scene)
-    trajectory = trajectory or trajectory_of(scene, depsgraph=depsgraph)
-    settings = scene.crowd_lod
-    eyes = camera or read_cameras(scene, depsgraph)
-    shutter = read_shutter(scene, time) if shutter is None else shutter
-    bias = bias_of(settings)
-    use = use_of(
-        settings,
-        trajectory,
-        policy_of(settings),
-        bias,
-        time,
-        (eyes,) if isinstance(eyes, Camera) else eyes,
-    )
-    frame = plan(trajectory, eyes, policy_of(settings), time, shutter, bias)
-    # hidden agents cast no shadow, so exceptions come last
-    return use.applied(frame if around is None else surround(frame, around))

@@ -11,37 +11,39 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.levels.assignment import LevelPolicy
 from ...crowd_lod.shot.exceptions import KINDS, Exemption, check_level, parse_agents
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import frame_stepping, scene_data, stored_values
 from ..blender.object_boxes import box_of, in_box
 from ..settings.exception_settings import REGIONS
 from ..sources import hand_edits
+from .scene_crowd import SceneCrowd
 
 
-def exemptions_of(
-    scene: bpy.types.Scene, trajectory: Trajectory, policy: LevelPolicy, frames: Sequence[int]
-) -> tuple[Exemption, ...]:
+def exemptions_of(crowd: SceneCrowd, frames: Sequence[int]) -> tuple[Exemption, ...]:
     """Return the exceptions that are switched on, in their order, as chosen_exemptions.
 
     CrowdError, too, if the crowd lacks the LOD that an exception asks for.
     """
-    exemptions = chosen_exemptions(scene, trajectory, frames)
-    names = [group.name for group in trajectory.groups]
+    exemptions = chosen_exemptions(crowd, frames)
     for exemption in exemptions:
-        check_level(exemption, policy.count, policy.finest, trajectory.start.group, names)
+        _check_level(exemption, crowd)
     return exemptions
 
 
-def chosen_exemptions(
-    scene: bpy.types.Scene, trajectory: Trajectory, frames: Sequence[int]
-) -> tuple[Exemption, ...]:
+def _check_level(exemption: Exemption, crowd: SceneCrowd) -> None:
+    policy = crowd.policy
+    names = [group.name for group in crowd.trajectory.groups]
+    check_level(exemption, policy.count, policy.finest, crowd.trajectory.start.group, names)
+
+
+def chosen_exemptions(crowd: SceneCrowd, frames: Sequence[int]) -> tuple[Exemption, ...]:
     """Return the exceptions that are switched on, in their order, whatever LODs there are.
 
     frames: of the plan, increasing. An exception outside of them has no agents.
     CrowdError names the exception that is wrong.
     """
+    scene = crowd.scene
     wrong = hand_edits.troubles_of(scene)
     if wrong:
         raise CrowdError(wrong[0])
@@ -50,7 +52,7 @@ def chosen_exemptions(
         for entry in scene.crowd_lod.exceptions
         if entry.use and entry.kind not in hand_edits.EDITS
     ]
-    parts = [(entry, _whom(entry, trajectory), _begins(entry, frames)) for entry in entries]
+    parts = [(entry, _whom(entry, crowd.trajectory), _begins(entry, frames)) for entry in entries]
     if not parts:
         return ()
     exemptions = {}
@@ -74,30 +76,27 @@ def chosen_exemptions(
     return tuple(exemptions[index] for index in range(len(parts)))
 
 
-def exceptions_by_number(
-    settings, trajectory: Trajectory, policy: LevelPolicy
-) -> tuple[tuple[Exemption, ...], list[str]]:
+def exceptions_by_number(crowd: SceneCrowd) -> tuple[tuple[Exemption, ...], list[str]]:
     """Return (the exceptions that hold without a shot plan, a sentence for each that is wrong).
 
     They are those that name their agents by numbers, and do not change the crowd itself.
     """
     numbered = [
         entry
-        for entry in settings.exceptions
+        for entry in crowd.settings.exceptions
         if entry.use and entry.kind in KINDS and entry.chosen_by == "NUMBERS"
     ]
     exemptions = []
     wrong = []
-    names = [group.name for group in trajectory.groups]
     for entry in numbered:
         if hand_edits.edits(entry):
             continue
         try:
-            agents = _whom(entry, trajectory)(0.0, lambda *_: None)
+            agents = _whom(entry, crowd.trajectory)(0.0, lambda *_: None)
             exemption = Exemption(
                 entry.name, entry.kind, entry.level, agents, _describe_agents(entry), *_span(entry)
             )
-            check_level(exemption, policy.count, policy.finest, trajectory.start.group, names)
+            _check_level(exemption, crowd)
             exemptions.append(exemption)
         except CrowdError as error:
             wrong.append(str(error))

@@ -17,7 +17,6 @@ from ...crowd_lod.format import printable
 from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.frame.frame_range import shot_frames
 from ...crowd_lod.frame.planned import numbers_of, same_cameras, with_row
-from ...crowd_lod.levels.assignment import Bias, LevelPolicy
 from ...crowd_lod.npz_file import read_checksums
 from ...crowd_lod.shot.exceptions import Exemption, alone
 from ...crowd_lod.shot.phases import Phases
@@ -29,6 +28,7 @@ from ..blender.output_folders import full_path
 from ..blender.provenance import differences, name_inputs, text_digest
 from ..characters.cast_provenance import cast_inputs
 from ..sources import hand_edits
+from .scene_crowd import SceneCrowd
 from .scene_occluders import scenery_digest
 from .shot_exceptions import digest_of, exceptions_by_number
 
@@ -113,56 +113,41 @@ def stored_plan(settings) -> StoredPlan | None:
     return _stored[key] if key else None
 
 
-def use_of(
-    settings,
-    trajectory: Trajectory,
-    policy: LevelPolicy,
-    bias: Bias | None,
-    time: float,
-    eyes: Sequence[Camera],
-) -> Use:
-    """Return how the frame at `time` uses the shot plan of the settings.
+def use_of(crowd: SceneCrowd, time: float, eyes: Sequence[Camera]) -> Use:
+    """Return how the frame at `time` uses the shot plan of the crowd's scene.
 
     Without a plan that holds, the frame has the settings' exceptions.
 
-    policy, bias: those of the settings.
     time: in frames of the animation.
     eyes: the frame's cameras; none for a view that has no plan.
     """
-    row, why = _row(settings, trajectory, policy, bias, time, eyes) if eyes else (None, "")
-    exceptions, wrong = exceptions_by_number(settings, trajectory, policy)
-    wrong = [*hand_edits.troubles_of(settings.id_data), *wrong]
-    number = time / scene_data.remap(settings.id_data.render, 1.0)
+    row, why = _row(crowd, time, eyes) if eyes else (None, "")
+    exceptions, wrong = exceptions_by_number(crowd)
+    wrong = [*hand_edits.troubles_of(crowd.scene), *wrong]
+    number = time / scene_data.remap(crowd.scene.render, 1.0)
     unplanned = " ".join(filter(None, [why, *dict.fromkeys(wrong)]))
-    return Use(row, unplanned, exceptions, number, phases_of(settings, trajectory))
+    return Use(row, unplanned, exceptions, number, _phases_of(crowd))
 
 
-def phases_of(settings, trajectory: Trajectory) -> Phases | None:
+def _phases_of(crowd: SceneCrowd) -> Phases | None:
     """Return the phase classes of the plan in use; None without one, or if the crowd changed.
 
     LOD meshes and overrides may change: the agents are the same.
     """
     with suppress(CrowdError):
-        stored = stored_plan(settings)
-        if stored is not None and len(stored.phases.shift) == len(trajectory.start):
-            now = crowd_digests(trajectory)
+        stored = stored_plan(crowd.settings)
+        if stored is not None and len(stored.phases.shift) == len(crowd.trajectory.start):
+            now = crowd_digests(crowd.trajectory)
             others = now.keys() - {MESHES, OVERRIDES}
             if all(stored.made_for.get(name) == now[name] for name in others):
                 return stored.phases
     return None
 
 
-def _row(
-    settings,
-    trajectory: Trajectory,
-    policy: LevelPolicy,
-    bias: Bias | None,
-    time: float,
-    eyes: Sequence[Camera],
-) -> tuple[np.ndarray | None, str]:
+def _row(crowd: SceneCrowd, time: float, eyes: Sequence[Camera]) -> tuple[np.ndarray | None, str]:
     """Return (what the plan has of the agents, "") or (None, why it gives no LODs)."""
     try:
-        stored = stored_plan(settings)
+        stored = stored_plan(crowd.settings)
         if stored is None:
             return None, ""
         f = stored.place(time)
@@ -171,14 +156,13 @@ def _row(
                 None,
                 f"The shot plan covers {shot_frames(stored.numbers)}: here thresholds hold.",
             )
-        now = plan_inputs(settings, trajectory, policy, bias)
-        changed = differences(_followed(stored), now)
+        changed = differences(_followed(stored), plan_inputs(crowd))
         exact = abs(stored.times[f] - time) < 1e-6
         if not changed and exact and not same_cameras(stored.cameras[f], numbers_of(eyes)):
             changed = [CAMERA]
         if changed:
             return None, _not_used(stored, changed)
-        return stored.row(f, len(trajectory.start), policy.count), ""
+        return stored.row(f, len(crowd.trajectory.start), crowd.policy.count), ""
     except CrowdError as error:
         return None, str(error)
 
@@ -205,20 +189,17 @@ def notes_on_file(settings) -> str:
     return ""
 
 
-def changes_since_plan(
-    scene: bpy.types.Scene, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | None
-) -> Generator[float, None, list[str]]:
-    """Find what has changed since the scene's plan was made, for which all its frames are stepped.
+def changes_since_plan(crowd: SceneCrowd) -> Generator[float, None, list[str]]:
+    """Find what has changed since the plan of the crowd's scene was made: all frames are stepped.
 
     Yields the progress and returns the names of what has; none without a plan. CrowdError if the
     plan cannot be read.
     """
-    stored = stored_plan(scene.crowd_lod)
+    stored = stored_plan(crowd.settings)
     if stored is None:
         return []
-    now = plan_inputs(scene.crowd_lod, trajectory, policy, bias)
-    changes = differences(_followed(stored), now)
-    views = yield from reading_cameras(scene, stored.times.tolist())
+    changes = differences(_followed(stored), plan_inputs(crowd))
+    views = yield from reading_cameras(crowd.scene, stored.times.tolist())
     pairs = zip(stored.cameras, views, strict=True)
     if not all(same_cameras(planned, numbers_of(eyes)) for planned, eyes in pairs):
         changes.append(CAMERA)
@@ -230,29 +211,25 @@ def _followed(stored: StoredPlan) -> dict[str, str]:
     return {name: part for name, part in stored.made_for.items() if name not in ASKED}
 
 
-def notes_on_shot(
-    scene: bpy.types.Scene, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | None
-) -> Generator[float, None, str]:
-    """Find what has changed since the scene's plan was made: compare all its frames.
+def notes_on_shot(crowd: SceneCrowd) -> Generator[float, None, str]:
+    """Find what has changed since the plan of the crowd's scene was made: compare all its frames.
 
     Yields the progress and returns a sentence, "" if nothing has changed. CrowdError if the plan
     cannot be read.
     """
-    changes = yield from changes_since_plan(scene, trajectory, policy, bias)
-    return _not_used(stored_plan(scene.crowd_lod), changes) if changes else ""
+    changes = yield from changes_since_plan(crowd)
+    return _not_used(stored_plan(crowd.settings), changes) if changes else ""
 
 
-def planned_cast(
-    scene: bpy.types.Scene, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | None
-) -> Generator[float, None, np.ndarray | None]:
-    """Read which meshes the frames of the scene's plan show, (K, L) bool; see plan_file.
+def planned_cast(crowd: SceneCrowd) -> Generator[float, None, np.ndarray | None]:
+    """Read which meshes the frames of the crowd's plan show, (K, L) bool; see plan_file.
 
     Yields the progress. Returns None without a plan that holds in all its frames.
     """
     with suppress(CrowdError):
-        stored = stored_plan(scene.crowd_lod)
+        stored = stored_plan(crowd.settings)
         if stored is not None:
-            notes = yield from notes_on_shot(scene, trajectory, policy, bias)
+            notes = yield from notes_on_shot(crowd)
             return None if notes else stored.cast
     return None
 
@@ -264,23 +241,19 @@ def _not_used(stored: StoredPlan, changed: Sequence[str]) -> str:
     )
 
 
-def plan_inputs(
-    settings, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | None
-) -> dict[str, str]:
-    """Return digests of all that a plan depends on besides cameras, by their names.
-
-    settings: of the crowd, for their exceptions.
-    """
+def plan_inputs(crowd: SceneCrowd) -> dict[str, str]:
+    """Return digests of all that a plan depends on besides cameras, by their names."""
+    bias = crowd.bias
     of_settings = {
-        "the choice of LODs": _digest(repr(policy)),
+        "the choice of LODs": _digest(repr(crowd.policy)),
         "the detail map": _digest(
             "" if bias is None else f"{bias.area}", b"" if bias is None else bias.values.tobytes()
         ),
         # with the crowd's own digests these tell the edits, too
-        OVERRIDES: _digest(digest_of(settings)),
+        OVERRIDES: _digest(digest_of(crowd.settings)),
     }
-    scene = settings.id_data
-    return crowd_digests(trajectory) | of_settings | cast_inputs(scene) | scenery_digest(scene)
+    of_scene = cast_inputs(crowd.scene) | scenery_digest(crowd.scene)
+    return crowd_digests(crowd.trajectory) | of_settings | of_scene
 
 
 def crowd_digests(trajectory: Trajectory) -> dict[str, str]:

@@ -43,17 +43,15 @@ from ..freshness.parts import request_parts
 from ..lod_meshes.deviation import measure_levels
 from ..lod_meshes.level_objects import TINTS
 from ..lod_meshes.make_lods import make_levels
-from ..lod_meshes.selection import cast_of
-from ..machine.scene_world import bias_of
 from ..render_setup.render_setup import check_levels
 from ..scene import shot_reference
-from ..scene.scene_crowd import characters_of, policy_of, trajectory_of
+from ..scene.scene_crowd import SceneCrowd, characters_of, policy_of, read_crowd
 from ..scene.shot_exceptions import exemptions_of
 from ..settings import needs
 from ..settings.budgets import budget_of, possible_budgets
 from ..sources.crowd_sources import check_recorded
 from .scene_json import scene_json
-from .shot_survey import SurveyedShot, measured_groups, survey_of
+from .shot_survey import SurveyedShot, survey_of
 
 # Progress at which LOD meshes that were missing are made.
 READY = 0.3
@@ -105,47 +103,44 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
     check_recorded(scene, "Plan Shot")
     yield from standing(cast_provenance.reading_afresh(scene), 0.0)
     begin = READY if scene.crowd_lod.levels is None else 0.0
-    yield from share(ready(scene), 0.0, begin)
-    return (yield from share(_plan_ready(scene, request), begin, 1.0))
+    crowd = yield from share(ready(scene), 0.0, begin)
+    return (yield from share(_plan_ready(crowd, request), begin, 1.0))
 
 
-def _plan_ready(
-    scene: bpy.types.Scene, request: PlanRequest
-) -> Generator[float, None, PlannedShot]:
-    """Plan the shot of a scene that has all its LOD meshes."""
+def _plan_ready(crowd: SceneCrowd, request: PlanRequest) -> Generator[float, None, PlannedShot]:
+    """Plan the shot of a crowd that has all its LOD meshes."""
     decision = DECISION if request.budget == Budget() else BUDGETED
     ends = np.cumsum([SURVEY, COLORING, decision, REPORT, POINTS])
     surveyed, colored, decided, reported, _ = (ends / ends[-1]).tolist()
-    trajectory = trajectory_of(scene)
-    policy = policy_of(scene.crowd_lod)
-    exemptions = exemptions_of(scene, trajectory, policy, request.frames)
-    yield from standing(cast_provenance.reading(scene), 0.0)
-    bias = bias_of(scene.crowd_lod)
-    made_for = shot_reference.plan_inputs(scene.crowd_lod, trajectory, policy, bias)
-    made_for |= request_parts(scene, request.frames, request.avoid, request.budget)
-    through = yield from share(survey_of(scene, request.frames), 0.0, surveyed)
+    trajectory = crowd.trajectory
+    tolerance = crowd.policy.tolerance
+    exemptions = exemptions_of(crowd, request.frames)
+    yield from standing(cast_provenance.reading(crowd.scene), 0.0)
+    made_for = shot_reference.plan_inputs(crowd)
+    made_for |= request_parts(crowd.scene, request.frames, request.avoid, request.budget)
+    through = yield from share(survey_of(crowd, request.frames), 0.0, surveyed)
     coloring = plan_phases(
         through.survey,
-        strides_of(measured_groups(scene), trajectory.gaits),
-        policy.tolerance,
+        strides_of(crowd.groups_in_meters, trajectory.gaits),
+        tolerance,
         trajectory.given_phases,
         trajectory.wearer,
     )
     phases = yield from share(steps_aside(coloring), surveyed, colored)
     casting = aside(lambda: recast(through.survey, phases.phases))
     survey = yield from standing(casting, colored)
-    shot = yield from standing(_shot_of(scene, excepted(survey, exemptions)), colored)
+    shot = yield from standing(_shot_of(crowd, excepted(survey, exemptions)), colored)
     deciding = steps_aside(decide_within(shot, request.budget, request.avoid))
     plan = yield from share(deciding, colored, decided)
-    report = yield from share(_report_on(scene, through, phases, shot, plan), decided, reported)
-    points = yield from share(steps_aside(find_points(shot, policy.tolerance)), reported, 1.0)
+    report = yield from share(_report_on(crowd, through, phases, shot, plan), decided, reported)
+    points = yield from share(steps_aside(find_points(shot, tolerance)), reported, 1.0)
     stored = plan_file.StoredPlan(
         path=request.folder / plan_file.NAME,
         numbers=survey.numbers,
         times=survey.times,
         cameras=through.cameras,
         made_for=made_for,
-        tolerance=max(plan.tolerance, policy.tolerance or 0.0) or None,
+        tolerance=max(plan.tolerance, tolerance or 0.0) or None,
         phases=phases.phases,
         cast=(yield from standing(aside(lambda: needed_meshes(shot, plan.bill.agents_shown)), 1.0)),
         blend_file=printable(Path(bpy.data.filepath).name),
@@ -153,33 +148,31 @@ def _plan_ready(
     return PlannedShot(shot, plan, stored, report, request, exemptions, points)
 
 
-def _shot_of(scene: bpy.types.Scene, survey: Survey) -> Generator[float, None, Shot]:
-    """Read the shot of the scene that was surveyed; yields the progress, returns the Shot."""
-    trajectory = trajectory_of(scene)
-    characters = characters_of(scene)
-    library = cast_of(characters, trajectory)
-    cast = yield from holdings_of(characters, trajectory, library)
+def _shot_of(crowd: SceneCrowd, survey: Survey) -> Generator[float, None, Shot]:
+    """Read the shot of the crowd that was surveyed; yields the progress, returns the Shot."""
+    cast = yield from holdings_of(crowd.characters, crowd.trajectory, crowd.library)
     is_used = yield from aside(lambda: seen_characters(survey))
     return Shot(
         survey,
-        meshes_of(measured_groups(scene), policy_of(scene.crowd_lod).count),
-        scene_data.costs_of(scene),
-        cast.baked(survey.numbers, trajectory, library, is_used),
+        meshes_of(crowd.groups_in_meters, crowd.policy.count),
+        scene_data.costs_of(crowd.scene),
+        cast.baked(survey.numbers, crowd.trajectory, crowd.library, is_used),
         cast.moved_as,
     )
 
 
 def _report_on(
-    scene: bpy.types.Scene, through: SurveyedShot, phases: PhasePlan, shot: Shot, plan: BudgetPlan
+    crowd: SceneCrowd, through: SurveyedShot, phases: PhasePlan, shot: Shot, plan: BudgetPlan
 ) -> Generator[float, None, ShotReport]:
     """Find what there is to tell of the plan: yield the progress, return the report."""
-    trajectory = trajectory_of(scene)
+    scene = crowd.scene
+    trajectory = crowd.trajectory
     eyes = [camera_of(numbers) for numbers in through.cameras[:, 0]]
     meters = scene_data.meters(scene)
     radius = meters * trajectory.spheres.radius
     changes = yield from standing(aside(lambda: noticed(shot, plan.levels, radius)), 0.0)
     judging = aside(lambda: verdict_of(shot.survey, changes, eyes, meters))
-    curve = steps_aside(curve_of(shot, plan, policy_of(scene.crowd_lod).tolerance))
+    curve = steps_aside(curve_of(shot, plan, crowd.policy.tolerance))
     names = [group.name for group in trajectory.groups]
     return ShotReport(
         title=Path(bpy.data.filepath).stem or scene.name,
@@ -198,8 +191,11 @@ def _report_on(
     )
 
 
-def ready(scene: bpy.types.Scene) -> Generator[float, None, None]:
-    """Make or measure the LOD meshes of `scene` where they are missing."""
+def ready(scene: bpy.types.Scene) -> Generator[float, None, SceneCrowd]:
+    """Make or measure the LOD meshes of `scene` where they are missing.
+
+    Yields the progress and returns the crowd.
+    """
     cameras.active_camera(scene), characters_of(scene)
     settings = scene.crowd_lod
     if not len(settings.groups):
@@ -208,7 +204,9 @@ def ready(scene: bpy.types.Scene) -> Generator[float, None, None]:
         yield from share(make_levels(scene), 0.1, 1.0)
     elif deviations(groups_of(settings), policy_of(settings)) is None:
         yield from share(measure_levels(scene), 0.1, 1.0)
-    check_levels(scene)  # those made for other settings may be fewer
+    crowd = read_crowd(scene)
+    check_levels(crowd)  # those made for other settings may be fewer
+    return crowd
 
 
 def write_plan(
@@ -319,10 +317,7 @@ def refuse_budget(scene: bpy.types.Scene) -> Generator[float, None, None]:
         return
     stored = shot_reference.stored_plan(settings)
     same_frames = stored and stored.numbers.tolist() == list(scene_data.frames_of(scene))
-    bias = bias_of(settings)
-    changes = yield from shot_reference.changes_since_plan(
-        scene, trajectory_of(scene), policy_of(settings), bias
-    )
+    changes = yield from shot_reference.changes_since_plan(read_crowd(scene))
     if same_frames and not changes:
         raise CrowdError(f"The budget of the shot: {budget_sentence(points, budget)}")
 

@@ -5,28 +5,23 @@ from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
-import bpy
 import numpy as np
 
-from ...crowd_lod.animation.phase_classes import Library
-from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.crowd.leave_outs import LeftOut
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.frame.frame import Frame, plan
+from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import numbers_of
-from ...crowd_lod.frame.shadows import surrounded
 from ...crowd_lod.progress import aside, share, standing
 from ...crowd_lod.shot.recording import Recorder, Recording, begin_recording
 from ...crowd_lod.shot.shot_cost import meshes_of
 from ...crowd_lod.shot.survey import Survey
 from ..blender import cameras, frame_stepping, scene_data
 from ..characters.rig_needs import leads
-from ..lod_meshes.selection import cast_of
-from ..machine.scene_world import bias_of
 from ..render_setup.cost_estimate import covered
 from ..scene import lights
-from ..scene.scene_crowd import characters_of, policy_of, trajectory_of
+from ..scene.frame_plan import frame_by_policy
+from ..scene.scene_crowd import SceneCrowd, read_crowd
 
 THROUGH = 0.9  # the progress with which the shot is run through: the rest makes the survey
 
@@ -46,42 +41,37 @@ class SurveyedShot:
     left_out: tuple[LeftOut, ...] = ()
 
 
-def survey_of(
-    scene: bpy.types.Scene, frames: Sequence[int]
-) -> Generator[float, None, SurveyedShot]:
+def survey_of(crowd: SceneCrowd, frames: Sequence[int]) -> Generator[float, None, SurveyedShot]:
     """Run through the shot: yield the progress, return it.
 
     By tolerance, LODs may deviate by as many pixels more as their agents are blurred wide.
     CrowdError if the crowd or its choice of LODs changes on the way.
     """
-    settings = scene.crowd_lod
-    trajectory = trajectory_of(scene)
-    policy = policy_of(settings)
-    library = cast_of(characters_of(scene), trajectory)
+    scene = crowd.scene
+    policy = crowd.policy
     times = [scene_data.remap(scene.render, number) for number in frames]
-    recording = _begin(scene, frames, times, library)
+    recording = _begin(crowd, frames, times)
     if policy.tolerance is not None:
         recording.tolerance = policy.tolerance
-        recording.bounds = meshes_of(measured_groups(scene), policy.count).bounds
+        recording.bounds = meshes_of(crowd.groups_in_meters, policy.count).bounds
     views: list[np.ndarray] = []
     before: Frame | None = None
     took = Counter()
     with frame_stepping.step_frames(scene) as at, Recorder(recording) as recorder:
         for f, time in enumerate(times):
             begin, middle, end = (THROUGH * (f + part) / len(frames) for part in (0.0, 0.5, 1.0))
-            yield from share(approach(trajectory, time), begin, middle)
-            eyes, around, shutter = lights.read_moment(scene, time, at)
-            if trajectory_of(scene) is not trajectory or policy_of(settings) != policy:
+            yield from share(approach(crowd.trajectory, time), begin, middle)
+            moment = lights.read_moment(scene, time, at)
+            now = read_crowd(scene)
+            if now.trajectory is not crowd.trajectory or now.policy != policy:
                 raise _changes_at(frames[f])
-            bias = bias_of(settings)
-            planning = partial(plan, trajectory, eyes, policy, time, shutter, bias)
-            planned = aside(partial(surrounded, planning, around))
+            planned = aside(partial(frame_by_policy, now, moment))
             frame = yield from standing(planned, middle)
             film = cameras.bound_camera(scene, time)
             cut = f > 0 and film != cameras.bound_camera(scene, times[f - 1])
             samples = scene_data.samples_of(scene) * covered(frame)
             recorder.add(frame, before, samples, cut)
-            views.append(numbers_of(eyes))
+            views.append(numbers_of(moment.eyes))
             took.update(frame.milliseconds)
             before = frame
             yield end
@@ -94,14 +84,13 @@ def survey_of(
     milliseconds = {name: total / len(frames) for name, total in took.items()}
     making = aside(recording.make_survey, lambda: 1 - len(recording.records) / len(frames))
     survey = yield from share(making, THROUGH, 1.0)
-    return SurveyedShot(survey, np.array(views), milliseconds, around.left_out)
+    return SurveyedShot(survey, np.array(views), milliseconds, moment.around.left_out)
 
 
-def _begin(
-    scene: bpy.types.Scene, frames: Sequence[int], times: Sequence[float], library: Library
-) -> Recording:
-    trajectory = trajectory_of(scene)
-    lead = leads(characters_of(scene), trajectory.groups)
+def _begin(crowd: SceneCrowd, frames: Sequence[int], times: Sequence[float]) -> Recording:
+    trajectory = crowd.trajectory
+    library = crowd.library
+    lead = leads(crowd.characters, trajectory.groups)
     moved_as = library.moved_as(trajectory.gaits, lead)
     recording = begin_recording(
         frames,
@@ -111,7 +100,7 @@ def _begin(
         library,
         library.roles(trajectory.gaits, moved_as),
     )
-    recording.meters = scene_data.meters(scene)
+    recording.meters = scene_data.meters(crowd.scene)
     return recording
 
 
@@ -120,8 +109,3 @@ def _changes_at(frame: int) -> CrowdError:
         f"The crowd's settings change at frame {frame}: a shot needs one crowd and one choice of "
         f"LODs, so remove their animation and drivers, or plan the frames before and after apart."
     )
-
-
-def measured_groups(scene: bpy.types.Scene) -> list[Group]:
-    """Return the groups of the scene's crowd with their lengths in meters, as of its surveys."""
-    return [group.scaled(scene_data.meters(scene)) for group in trajectory_of(scene).groups]

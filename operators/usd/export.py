@@ -28,7 +28,8 @@ from ..blender import frame_stepping, scene_data
 from ..characters.cast_provenance import reading
 from ..render_setup.frame_update import columns_of, held_by
 from ..scene import lights
-from ..scene.scene_crowd import frame_of, trajectory_of
+from ..scene.frame_plan import frame_of
+from ..scene.scene_crowd import SceneCrowd
 from ..shot.shot_plan import ready
 from ..sources.record_points import on_record
 from .file import CrowdFile
@@ -103,11 +104,11 @@ def export_usd(scene: bpy.types.Scene, request: UsdExport) -> Generator[float, N
             f"another place."
         )
     with files.staged(path.parent, path.name) as hidden:
-        yield from share(ready(scene), 0.0, READY)
-        trajectory = trajectory_of(scene)
-        library = library_of_poses(scene, trajectory, POSES, request.animated)
+        crowd = yield from share(ready(scene), 0.0, READY)
+        trajectory = crowd.trajectory
+        library = library_of_poses(crowd, POSES, request.animated)
         plans, films, unplanned = yield from share(
-            _plan_frames(scene, request, library), READY, PLANNED
+            _plan_frames(crowd, request, library), READY, PLANNED
         )
         cast = instances_of([*plans.values()])
         with CrowdFile(
@@ -118,10 +119,10 @@ def export_usd(scene: bpy.types.Scene, request: UsdExport) -> Generator[float, N
                 for frame in request.frames
             ]
             posing = write_prototypes(
-                scene, (trajectory, library, cast.prototypes), request.frames, seconds, file.mesh
+                crowd, library, cast.prototypes, (request.frames, seconds), file.mesh
             )
             yield from share(posing, PLANNED, POSED)
-            yield from share(_instances(scene, (library, cast), plans, file), POSED, 0.95)
+            yield from share(_instances(crowd, (library, cast), plans, file), POSED, 0.95)
             if films:
                 write_camera(usd, file.stage, file.CAMERA, scene, films)
             file.save((request.frames[0], request.frames[-1]))
@@ -145,7 +146,7 @@ def export_usd(scene: bpy.types.Scene, request: UsdExport) -> Generator[float, N
 
 
 def _plan_frames(
-    scene: bpy.types.Scene, request: UsdExport, library: Library
+    crowd: SceneCrowd, request: UsdExport, library: Library
 ) -> Generator[
     float, None, tuple[dict[int, FrameInstances], dict[int, FilmedFrame], list[tuple[int, str]]]
 ]:
@@ -153,7 +154,7 @@ def _plan_frames(
 
     The last goes to `unplanned_notes`.
     """
-    trajectory = trajectory_of(scene)
+    scene = crowd.scene
     frames = request.frames
     plans: dict[int, FrameInstances] = {}
     films: dict[int, FilmedFrame] = {}
@@ -162,11 +163,11 @@ def _plan_frames(
         for count, number in enumerate(frames):
             time = scene_data.remap(scene.render, number)
             yield from share(
-                approach(trajectory, time), count / len(frames), (count + 0.9) / len(frames)
+                approach(crowd.trajectory, time), count / len(frames), (count + 0.9) / len(frames)
             )
-            film, around, shutter = lights.read_moment(scene, time, at)
+            moment = lights.read_moment(scene, time, at)
             yield from standing(reading(scene), (count + 0.9) / len(frames))
-            frame = frame_of(scene, None, time, film, trajectory, around, shutter)
+            frame = frame_of(crowd.at_present_frame(), moment)
             unplanned.append(note_of(number, frame.unplanned, request.strict))
             plans[number] = instances_of_frame(frame, library)
             films[number] = film_frame(scene, time, at((), time))
@@ -179,13 +180,14 @@ def _plan_frames(
 
 
 def _instances(
-    scene: bpy.types.Scene,
+    crowd: SceneCrowd,
     cast: tuple[Library, Instances],
     plans: dict[int, FrameInstances],
     file: CrowdFile,
 ) -> Generator[float, None, None]:
     """Write where the agents of `cast` are in each frame."""
-    trajectory = trajectory_of(scene)
+    scene = crowd.scene
+    trajectory = crowd.trajectory
     library, instances = cast
     agents = cast[1].agents
     turn = float(scene_data.rotation(scene.crowd_lod.forward))
@@ -199,9 +201,9 @@ def _instances(
         lean = [columns.get(name, level) for name in ("pitch", "roll")]
         prototype, hidden = instances.at(plan)
         velocity = None
-        for part, crowd in crowd_held.ends:
+        for part, agents_then in crowd_held.ends:
             if part:  # the later one counts
-                then = columns_of(trajectory, crowd, crowd_held, agents, library)["position"]
+                then = columns_of(trajectory, agents_then, crowd_held, agents, library)["position"]
                 velocity = (then - columns["position"]) * np.float32(speed / part)
         file.agents(
             number,

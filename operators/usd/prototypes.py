@@ -15,7 +15,7 @@ from ..blender.performance import Performance
 from ..blender.render_evaluation import as_rendered
 from ..characters.characters import check_measured
 from ..lod_meshes.deviation import SOLID
-from ..scene.scene_crowd import characters_of, home_of, policy_of
+from ..scene.scene_crowd import SceneCrowd, home_of
 
 
 @dataclass(frozen=True)
@@ -41,18 +41,17 @@ class Form:
     mirrored: bool
 
 
-def library_of_poses(
-    scene: bpy.types.Scene, trajectory: Trajectory, poses: int, animated: bool
-) -> Library:
-    """Return the Library of the prototypes of `scene`.
+def library_of_poses(crowd: SceneCrowd, poses: int, animated: bool) -> Library:
+    """Return the Library of the prototypes of the crowd.
 
     poses: even phases of each action in which a group is posed, unless it does not move.
     animated: a character for each of a group's phase classes instead.
     """
-    played = trajectory.gaits.actions
+    groups = crowd.trajectory.groups
+    played = crowd.trajectory.gaits.actions
     posed = []
-    check_measured(characters_of(scene), trajectory.groups)
-    for group, (_, objects, _) in zip(trajectory.groups, characters_of(scene), strict=True):
+    check_measured(crowd.characters, groups)
+    for group, (_, objects, _) in zip(groups, crowd.characters, strict=True):
         performance = group_performance(group, objects)
         still = all(performance.only(action).still for action in played)
         posed.append(1 if still else 0 if animated else poses)
@@ -75,23 +74,21 @@ Write = Callable[[int, str, Form, float | None], None]
 
 
 def write_prototypes(
-    scene: bpy.types.Scene,
-    cast: tuple[Trajectory, Library, np.ndarray],
-    frames: Sequence[int],
-    seconds: Sequence[float],
+    crowd: SceneCrowd,
+    library: Library,
+    prototype_numbers: np.ndarray,
+    times: tuple[Sequence[int], Sequence[float]],
     write: Write,
 ) -> Generator[float, None, None]:
     """Pose all prototypes and hand their meshes to `write`; yield the progress.
 
-    cast: the trajectory; the library; the wanted prototypes, increasing
-    (crowd_lod/frame/instances.py).
-    frames, seconds: of the timeline, and after frame 0, at which moving prototypes are posed.
+    prototype_numbers: those that are wanted, increasing (crowd_lod/frame/instances.py).
+    times: frames of the timeline, and seconds after frame 0, at which moving prototypes are posed.
     """
-    trajectory, library, prototype_numbers = cast
-    gaits = trajectory.gaits
-    levels = scene.crowd_lod.levels.children[: policy_of(scene.crowd_lod).count]
-    first = library.first(gaits)
-    for g, (name, objects, _) in enumerate(characters_of(scene)):
+    trajectory = crowd.trajectory
+    levels = crowd.settings.levels.children[: crowd.policy.count]
+    first = library.first(trajectory.gaits)
+    for g, (name, objects, _) in enumerate(crowd.characters):
         mine = prototype_numbers[
             (prototype_numbers % first[-1] >= first[g])
             & (prototype_numbers % first[-1] < first[g + 1])
@@ -105,7 +102,7 @@ def write_prototypes(
             for count, number in enumerate(numbers.tolist()):
                 prototypes = mine[mine % first[-1] == number].tolist()
                 act, moments = _moments(
-                    performance, trajectory, library, (g, number - int(first[g])), (frames, seconds)
+                    performance, trajectory, library, (g, number - int(first[g])), times
                 )
                 for frame, moment in moments:
                     with act:

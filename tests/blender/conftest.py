@@ -5,6 +5,7 @@ import shutil
 import bpy
 import crowd_lod_extension
 import pytest
+from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 
 from ..support.coarse_characters import CAGE
 from ..support.empty_file import open_empty_file
@@ -165,4 +166,4 @@ def _build(scene):
         scene.camera.rotation_euler.z = turn
         scene.camera.keyframe_insert("location", frame=frame)
         scene.camera.keyframe_insert("rotation_euler", frame=frame)
-    list(build(scene))
+    list(build(read_crowd(scene)))

@@ -20,10 +20,11 @@ from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.overlay import skinned_characters
 from crowd_lod_extension.operators.overlay.draw_data import Style, drawing
 from crowd_lod_extension.operators.render_setup import bake, render_setup
-from crowd_lod_extension.operators.scene.scene_crowd import characters_of, frame_of, trajectory_of
+from crowd_lod_extension.operators.scene.scene_crowd import characters_of, read_crowd, trajectory_of
 from crowd_lod_extension.sample_scenes.characters import make_characters
 
 from ..support.coarse_characters import CAGE
+from ..support.scene_frames import frame_now
 from .test_rigs import instances
 
 STATES = {
@@ -98,7 +99,7 @@ def agents_of(scene, number):
     group.
     """
     trajectory = trajectory_of(scene)
-    plan = frame_of(scene, bpy.context.evaluated_depsgraph_get())
+    plan = frame_now(scene, bpy.context.evaluated_depsgraph_get())
     crowd = plan.crowd
     found = {}
     for agent in plan.buckets.order:
@@ -141,7 +142,7 @@ def worst(scene, number):
 def test_live_build_and_bake_show_the_action_of_each_state(ready):
     scene = ready
     scene.crowd_lod.thresholds[0] = 0.99  # all at LOD 0
-    list(render_setup.build(scene))
+    list(render_setup.build(read_crowd(scene)))
     for number in (3, 97):
         scene.frame_set(number)
         off, actions = worst(scene, number)
@@ -302,10 +303,10 @@ def test_agents_have_sizes_of_their_own_in_build_bake_and_overlay_and_spheres_ho
     scene = ready
     scene.crowd_lod.thresholds[:2] = (0.98, 0.99)
     scene.crowd_lod.groups["adult"].scale = (0.5, 2.0)
-    list(render_setup.build(scene))
+    list(render_setup.build(read_crowd(scene)))
     scene.frame_set(50)
     trajectory = trajectory_of(scene)
-    plan = frame_of(scene, bpy.context.evaluated_depsgraph_get())
+    plan = frame_now(scene, bpy.context.evaluated_depsgraph_get())
     crowd = plan.crowd
     agents = plan.buckets.order
     sizes = trajectory.scale(crowd, agents)
@@ -366,10 +367,10 @@ def test_only_groups_of_the_crowd_that_names_an_action_need_it(waiting):
     assert [
         sorted({trajectory.gaits.actions[k] for k, _ in own}) for own in trajectory.gaits.plays
     ] == [["", "idle"], [""]]
-    list(render_setup.build(scene))
+    list(render_setup.build(read_crowd(scene)))
     scene.frame_set(50)
     assert len(instances(scene)) == len(
-        frame_of(scene, bpy.context.evaluated_depsgraph_get()).buckets.order
+        frame_now(scene, bpy.context.evaluated_depsgraph_get()).buckets.order
     )
 
 

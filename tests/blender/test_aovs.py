@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.render_setup.aovs import add_aovs
-from crowd_lod_extension.operators.scene.scene_crowd import frame_of, trajectory_of
+from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 
 from ..support.exr import channels_of
+from ..support.scene_frames import frame_now
 
 NAMES = ("id", "looks", "group", "lod")
 
@@ -48,7 +49,7 @@ def test_each_pixel_holds_what_its_agent_is(built, tmp_path, baked):
     message = add_aovs(built)
     assert add_aovs(built) == message
     shown = passes(built, tmp_path)
-    frame = frame_of(built, built.view_layers[0].depsgraph)
+    frame = frame_now(built, built.view_layers[0].depsgraph)
     trajectory = trajectory_of(built)
     agents = shown[:, 0].astype(np.intp)
     expected = np.stack(

@@ -14,6 +14,7 @@ from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.render_setup import render_setup
 from crowd_lod_extension.operators.render_setup.bake import bake, keep_what_renders
 from crowd_lod_extension.operators.render_setup.hidden_characters import HIDDEN
+from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 
 FRAMES = (27, 12, 20)
 FARM = """
@@ -63,7 +64,8 @@ def test_a_farm_renders_the_pictures_of_the_live_build(built, tmp_path, engine, 
     if blur:
         render.motion_blur_position = blur
         render.motion_blur_shutter = 0.8
-        list(render_setup.build(built))  # with limbs that are blurred, as the bake's are
+        # with limbs that are blurred, as the bake's are
+        list(render_setup.build(read_crowd(built)))
     built.crowd_lod.first_frame = 5
     for number in FRAMES:
         built.frame_set(number)
@@ -91,7 +93,7 @@ def test_other_frames_show_nobody_and_a_new_build_is_live_again(built):
     for number, count in ((12, live), (11, 0), (13, 0), (21, 0)):
         built.frame_set(number)
         assert count_instances() == count
-    list(render_setup.build(built))
+    list(render_setup.build(read_crowd(built)))
     built.frame_set(13)
     assert count_instances() > 0
     built.frame_set(12)
@@ -205,7 +207,7 @@ def test_a_file_for_renders_alone_shows_the_same_without_characters_and_lods(
         and "Dance" not in bpy.data.actions
     )
     with pytest.raises(CrowdError, match="no LOD meshes"):
-        list(render_setup.build(scene))
+        list(render_setup.build(read_crowd(scene)))
     assert (
         commands.run_command(["build", str(tmp_path / "crowd.blend"), "--render-only"], "crowd-lod")
         == 1
@@ -226,6 +228,7 @@ def test_characters_that_are_needed_stay_in_a_file_for_renders_alone(built, why)
 
 @pytest.mark.once
 def test_a_bake_needs_what_a_build_needs(scene):
+    bpy.ops.crowd_lod.populate()
     with pytest.raises(CrowdError, match="Make LOD Meshes"):
         list(bake(scene, [1]))
     list(make_levels(scene))

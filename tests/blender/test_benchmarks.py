@@ -10,6 +10,8 @@ import bpy
 import numpy as np
 import pytest
 
+from ..support.scene_frames import frame_now
+
 pytestmark = pytest.mark.once
 FOLDER = Path(__file__).parents[2] / "benchmarks"
 
@@ -123,11 +125,10 @@ def agents_by_lod(scene):
 def test_a_way_to_render_shows_whom_it_says_and_its_cost_is_measured(bench, built, tmp_path, way):
     import jobs
     import ways
-    from crowd_lod_extension.operators.scene.scene_crowd import frame_of
 
     number = ways.FRAMES[-1]  # at which the nodes are aimed
     built.frame_set(number)
-    frame = frame_of(built, bpy.context.evaluated_depsgraph_get())
+    frame = frame_now(built, bpy.context.evaluated_depsgraph_get())
     ways.dress_scene(built, way)
     built.frame_set(number)
     found = agents_by_lod(built)

@@ -7,8 +7,10 @@ from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.render_setup import render_setup
-from crowd_lod_extension.operators.scene.scene_crowd import frame_of, trajectory_of
+from crowd_lod_extension.operators.scene.scene_crowd import read_crowd, trajectory_of
 from mathutils import Vector
+
+from ..support.scene_frames import frame_now
 
 
 def points(scene):
@@ -48,7 +50,7 @@ def instances(scene):
 def test_instances_stand_where_the_plan_says_as_the_mesh_it_says(built):
     for time in (1, 17, 33):
         built.frame_set(time)
-        frame = frame_of(built, bpy.context.evaluated_depsgraph_get())
+        frame = frame_now(built, bpy.context.evaluated_depsgraph_get())
         assert 0 < frame.visible.sum() < len(frame.crowd) and (frame.buckets.counts > 0).sum() >= 2
         groups = {g.name: i for i, g in enumerate(trajectory_of(built).groups)}
         shown = {level: [] for level in range(3)}
@@ -152,7 +154,7 @@ def test_a_material_picks_from_an_image_by_the_agents_looks(built, tmp_path):
     built.render.dither_intensity = 0
     built.render.filepath = str(tmp_path / "looks.png")
     built.frame_set(12)
-    plan = frame_of(built, bpy.context.evaluated_depsgraph_get())
+    plan = frame_now(built, bpy.context.evaluated_depsgraph_get())
     bpy.ops.render.render(write_still=True)
     pixels = (
         np.array(bpy.data.images.load(built.render.filepath).pixels)
@@ -200,7 +202,7 @@ def test_headless_animation_renders_show_each_frame_at_its_place(built, tmp_path
     for number in (5, 15, 25):
         alpha = image_data.load_pixels(tmp_path / f"f_{number:04d}.png")[..., 3]
         built.frame_set(number)
-        frame = frame_of(built, bpy.context.evaluated_depsgraph_get())
+        frame = frame_now(built, bpy.context.evaluated_depsgraph_get())
         c = frame.crowd
         middle = Vector((c.x[0], c.y[0], trajectory_of(built).groups[c.group[0]].center))
         u, v, _ = world_to_camera_view(built, built.camera, middle)
@@ -223,8 +225,9 @@ def test_a_build_without_its_camera_shows_nobody_and_says_why(built, capfd):
 
 
 def test_build_before_levels_is_refused(scene):
+    bpy.ops.crowd_lod.populate()
     with pytest.raises(CrowdError, match="Make LOD Meshes"):
-        list(render_setup.build(scene))
+        list(render_setup.build(read_crowd(scene)))
     assert scene.crowd_lod.build is None
 
 
@@ -237,7 +240,7 @@ def test_a_build_that_lacks_a_lod_shows_nobody_and_says_what_to_press(built, cap
     list(make_levels(built))
     built.frame_set(3)
     assert "press Build again" in capfd.readouterr().err
-    list(render_setup.build(built))
+    list(render_setup.build(read_crowd(built)))
     built.frame_set(4)
     assert sum(1 for _ in instances(built)) > 0
 
@@ -249,7 +252,7 @@ def test_levels_made_anew_ask_for_a_new_build(built, capfd):
     built.frame_set(2)
     assert sum(1 for _ in instances(built)) == 0
     assert "have changed since its build was made: press Build again" in capfd.readouterr().err
-    list(render_setup.build(built))
+    list(render_setup.build(read_crowd(built)))
     built.frame_set(3)
     middle = {
         item.data.name: len(item.data.polygons) for level, item, _ in instances(built) if level == 1

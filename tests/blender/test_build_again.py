@@ -20,6 +20,7 @@ from crowd_lod_extension.operators.render_setup.buttons import prepared
 from crowd_lod_extension.operators.render_setup.nodes import trees
 from crowd_lod_extension.operators.render_setup.nodes.instances import NAME
 from crowd_lod_extension.operators.render_setup.shelves import LIBRARY, RIGS
+from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 
 
 def visible():
@@ -50,7 +51,7 @@ def test_remove_brings_the_file_back(levelled):
     before = set(bpy.data.user_map())
     for builds in (2, 1):
         for _ in range(builds):
-            list(render_setup.build(levelled))
+            list(render_setup.build(read_crowd(levelled)))
         render_setup.remove_build(levelled.crowd_lod)
         assert set(bpy.data.user_map()) == before and levelled.crowd_lod.build is None
 
@@ -112,7 +113,7 @@ def test_a_second_build_keeps_names_pointers_and_the_users_own_edits(built):
     before = counts()
     looks = visible()
     ours = first.modifiers[0]
-    list(render_setup.build(built))
+    list(render_setup.build(read_crowd(built)))
     built.frame_set(1)
     assert built.crowd_lod.build == top and render_setup.points_of(top) == items
     assert names == {block.name for kind in kinds for block in getattr(bpy.data, kind)}
@@ -167,13 +168,13 @@ def turn_a_character(scene):
     "change", [change_nothing, move_a_key, paint_a_lod, lose_a_rig, turn_a_character]
 )
 def test_characters_are_made_anew_only_where_something_changed(levelled, change):
-    first = finished(render_setup.build(levelled))
+    first = finished(render_setup.build(read_crowd(levelled)))
     rigs = {
         item.session_uid for item in levelled.crowd_lod.build.all_objects if item.type == "ARMATURE"
     }
     assert first.collections and rigs
     change(levelled)
-    again = finished(render_setup.build(levelled))
+    again = finished(render_setup.build(read_crowd(levelled)))
     now = {
         item.session_uid for item in levelled.crowd_lod.build.all_objects if item.type == "ARMATURE"
     }
@@ -189,7 +190,7 @@ def test_a_level_more_or_less_adds_or_takes_its_points_and_poses(built):
     for levels, number in ((2, 2), (3, 3)):
         built.crowd_lod.level_count = levels
         list(make_levels(built))
-        list(render_setup.build(built))
+        list(render_setup.build(read_crowd(built)))
         built.frame_set(2)
         kinds = [f"{name} {k}" for name in render_setup.UNSEEN_BY for k in range(number)]
         assert sorted(render_setup.points_of(built.crowd_lod.build)) == sorted(kinds)
@@ -210,7 +211,7 @@ def test_other_poses_take_over_collections_but_not_what_the_user_put_there(built
     poses = []
     for given in (None, action):  # a group that stands has one pose
         rig.animation_data.action = given
-        list(render_setup.build(built))
+        list(render_setup.build(read_crowd(built)))
         names = sorted(child.name for child in shelf.children)
         assert [name.split(" ")[0] for name in names] == [
             f"{number:05d}" for number in range(len(names))
@@ -232,7 +233,7 @@ def test_other_poses_take_over_collections_but_not_what_the_user_put_there(built
 def test_a_tree_of_the_users_by_our_name_is_let_alone(levelled):
     theirs = bpy.data.node_groups.new(NAME, "GeometryNodeTree")
     theirs.nodes.new("NodeGroupInput")
-    list(render_setup.build(levelled))
+    list(render_setup.build(read_crowd(levelled)))
     assert len(theirs.nodes) == 1 and trees.find_tree(NAME) != theirs
     render_setup.remove_build(levelled.crowd_lod)
     assert list(bpy.data.node_groups) == [theirs]
@@ -244,7 +245,7 @@ def test_two_scenes_have_builds_of_their_own(built):
     other.crowd_lod.build = other.crowd_lod.levels = None
     other.collection.children.unlink(built.crowd_lod.build)
     list(make_levels(other))
-    list(render_setup.build(other))
+    list(render_setup.build(read_crowd(other)))
     tops = built.crowd_lod.build, other.crowd_lod.build
     assert tops[0] != tops[1] and not set(tops[0].all_objects) & set(tops[1].all_objects)
     other.frame_set(5)
@@ -259,7 +260,7 @@ def test_a_linked_copy_of_a_scene_gets_a_build_of_its_own_and_leaves_the_others(
     known = points(built.crowd_lod.build)
     bpy.context.window.scene = built
     for press in (
-        lambda other: list(render_setup.build(other)),
+        lambda other: list(render_setup.build(read_crowd(other))),
         lambda other: render_setup.remove_build(other.crowd_lod),
     ):
         bpy.ops.scene.new(type="LINK_COPY")
@@ -295,7 +296,7 @@ def test_the_crowd_shows_in_the_view_layers_that_are_chosen_and_stays_so(built):
     view_layers.show_in(built, ["later"])
     assert shown_in(first) == (0, 0) and shown_in(later) == there
     view_layers.layers_of(built)["later"].holdout = True
-    list(render_setup.build(built))
+    list(render_setup.build(read_crowd(built)))
     built.frame_set(1)
     assert (
         shown_in(first) == (0, 0)
@@ -318,7 +319,8 @@ def test_a_button_that_is_stopped_leaves_the_file_as_it_was(scene, name, part):
     before = set(bpy.data.user_map())
     groups = groups_of(scene.crowd_lod)
     work = prepared(
-        scene, lambda: render_setup.build(scene) if name == "build" else bake(scene, range(1, 21))
+        scene,
+        lambda crowd: render_setup.build(crowd) if name == "build" else bake(scene, range(1, 21)),
     )
     while next(work) < part:
         pass
@@ -332,7 +334,7 @@ def test_a_build_that_is_stopped_at_its_end_leaves_the_one_before(built):
 
     def rebuilding():
         del top[render_setup.MADE_OF]  # else its characters would stay anyway
-        return prepared(built, lambda: render_setup.build(built))
+        return prepared(built, render_setup.build)
 
     ends = [progress for progress in rebuilding() if progress == 1.0]
     before = set(bpy.data.user_map())
@@ -349,7 +351,7 @@ def test_what_is_missing_is_said_before_anything_is_made(scene):
     scene.camera = None
     before = set(bpy.data.user_map())
     with pytest.raises(CrowdError, match="no active camera"):
-        list(prepared(scene, lambda: render_setup.build(scene)))
+        list(prepared(scene, render_setup.build))
     assert set(bpy.data.user_map()) == before and not len(scene.crowd_lod.groups)
     for operator in (bpy.ops.crowd_lod.build, bpy.ops.crowd_lod.bake):
         with pytest.raises(RuntimeError):
@@ -419,7 +421,7 @@ def test_a_build_that_fails_at_its_end_leaves_nothing_behind(levelled):
     assert set(bpy.data.user_map()) == before and levelled.crowd_lod.build is None
     levels = levelled.crowd_lod.levels
     for steps in (4, 40):  # closed early, in a modal operator by Esc
-        run = prepared(levelled, lambda: render_setup.build(levelled))
+        run = prepared(levelled, render_setup.build)
         for _ in range(steps):
             levelled.crowd_lod.mirrors = None
             next(run)

@@ -13,7 +13,7 @@ from crowd_lod_extension.operators.blender import cameras, image_data, main_thre
 from crowd_lod_extension.operators.render_setup import frame_update, render_setup
 from crowd_lod_extension.operators.render_setup.bake import bake
 from crowd_lod_extension.operators.runs.preview import Preview, preview
-from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
+from crowd_lod_extension.operators.scene.scene_crowd import read_crowd, trajectory_of
 
 
 def columns(scene, *names):
@@ -191,7 +191,7 @@ def test_who_comes_back_on_the_other_side_is_not_drawn_across_the_picture(built,
     built.camera.rotation_euler = (0, 0, 0)
     crowds = [trajectory_of(built).at(time) for time in (11.6, 12.4)]
     jumps = (np.abs(crowds[1].x - crowds[0].x) > 20).sum()
-    list(bake(built, [12]) if baked else render_setup.build(built))
+    list(bake(built, [12]) if baked else render_setup.build(read_crowd(built)))
     where = {}
     for part in (-0.4, 0.0, 0.4):
         built.frame_set(int((12 + part) // 1), subframe=part % 1)
@@ -235,7 +235,7 @@ def test_cycles_blurs_an_agent_over_the_way_it_walks(built, tmp_path, position):
     built.render.motion_blur_position = position
     for rig in [item for item in built.crowd_lod.characters.all_objects if item.type == "ARMATURE"]:
         rig.animation_data_clear()  # what its limbs do is another matter
-    list(render_setup.build(built))
+    list(render_setup.build(read_crowd(built)))
     wide = {}
     for blur in (False, True):
         built.render.use_motion_blur = blur

@@ -77,9 +77,9 @@ def test_images_are_in_what_builds_are_said_to_cost(crowd):
     )
     image = node.image
     node.image = None
-    bare = finished(estimate(crowd, crowd.crowd_lod)).prices
+    bare = finished(estimate(crowd)).prices
     node.image = image
-    found = finished(estimate(crowd, crowd.crowd_lod))
+    found = finished(estimate(crowd))
     for name, own in found.prices.items():
         memory = MEMORY[found.costs.engine]
         assert own.memory - bare[name].memory == pytest.approx(
@@ -102,7 +102,7 @@ def from_file(crowd, folder):
 
 def image_memory(crowd):
     """The (bytes, number) of images that a build is said to load in full, by ratio."""
-    work = finished(estimate(crowd, crowd.crowd_lod, [1])).works["By Distance"]
+    work = finished(estimate(crowd, [1])).works["By Distance"]
     return work.images, work.image_count
 
 

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.operators.cli import commands
+from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 
 from ..support.coarse_characters import coarsen
 
@@ -147,7 +148,7 @@ def test_preview_leaves_the_open_scene_as_it_was(levelled, tmp_path):
     from crowd_lod_extension.operators.render_setup.render_setup import build
     from crowd_lod_extension.operators.runs.preview import Preview, preview
 
-    list(build(levelled))
+    list(build(read_crowd(levelled)))
     levelled.frame_set(7)
     state = lambda: (  # noqa: E731
         set(bpy.data.user_map()), levelled.frame_current, levelled.render.engine, levelled.render.filepath, levelled.camera,

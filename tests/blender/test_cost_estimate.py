@@ -15,6 +15,9 @@ from crowd_lod_extension.operators.render_setup import bake, render_setup
 from crowd_lod_extension.operators.render_setup.cost_estimate import FULL, estimate
 from crowd_lod_extension.operators.runs.preview import Preview, preview
 from crowd_lod_extension.operators.scene import scene_crowd
+from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
+
+from ..support.scene_frames import frame_now
 
 pytestmark = pytest.mark.once  # long, and the same on every Blender
 
@@ -47,10 +50,10 @@ def test_work_is_what_the_depsgraph_shows(levelled, known, planned):
     if planned:
         scene.crowd_lod.frames = "3,9,14"
         bpy.ops.crowd_lod.plan_shot()
-    found = finished(estimate(scene, scene.crowd_lod, frames, known=known))
+    found = finished(estimate(scene, frames, known=known))
     assert list(found.looked_at) == frames and FULL in found.works and found.costs.engine == "EEVEE"
     work = found.works["By Distance"]
-    finished(bake.bake(scene, frames) if known else render_setup.build(scene))
+    finished(bake.bake(scene, frames) if known else render_setup.build(read_crowd(scene)))
     top = scene.crowd_lod.build
     for f, number in enumerate(frames):
         scene.frame_set(number)
@@ -96,7 +99,7 @@ def test_lods_that_fit_in_memory_are_built_and_the_others_are_not(scene, tmp_pat
     settings.frames = "1:20"
     stored_groups.store_groups(settings, group_measuring.measure_groups(scene))
     list(make_levels(scene))
-    free = finished(estimate(scene, scene.crowd_lod)).prices["By Tolerance"].memory / 1e6
+    free = finished(estimate(scene)).prices["By Tolerance"].memory / 1e6
     settings.memory = 1.0
     before = set(bpy.data.user_map())
     groups = stored_groups.groups_of(settings)
@@ -108,14 +111,14 @@ def test_lods_that_fit_in_memory_are_built_and_the_others_are_not(scene, tmp_pat
     list(make_levels(scene))
     finest = scene_crowd.policy_of(settings).finest
     assert settings.memory_tolerance > 0.2 and max(finest) > 0
-    cast = finished(render_setup.build(scene))
-    assert "LODs deviate by up to" in render_setup.notes_on_cast(scene, cast)
-    frame = scene_crowd.frame_of(scene, bpy.context.evaluated_depsgraph_get())
+    cast = finished(render_setup.build(read_crowd(scene)))
+    assert "LODs deviate by up to" in render_setup.notes_on_cast(read_crowd(scene), cast)
+    frame = frame_now(scene, bpy.context.evaluated_depsgraph_get())
     assert all(
         (frame.levels[frame.crowd.group == g] >= least).all() for g, least in enumerate(finest)
     )
     scene.frame_set(5)
-    frame = scene_crowd.frame_of(scene, bpy.context.evaluated_depsgraph_get())
+    frame = frame_now(scene, bpy.context.evaluated_depsgraph_get())
     assert counts_in_render(scene)[0] == len(frame.buckets.order)  # nobody is lost
     inside = {
         item
@@ -138,10 +141,7 @@ def test_lods_that_fit_in_memory_are_built_and_the_others_are_not(scene, tmp_pat
         assert kept <= {item.data for item in inside} and not (left_out - kept) & {
             item.data for item in inside
         }, group.name
-    assert (
-        finished(estimate(scene, scene.crowd_lod)).prices["By Tolerance"].memory
-        <= 1e6 * settings.memory * 1.02
-    )
+    assert finished(estimate(scene)).prices["By Tolerance"].memory <= 1e6 * settings.memory * 1.02
     finished(preview(scene, Preview([5], tmp_path / "out", 64), []))
     plan = json.loads((tmp_path / "out" / "plan.json").read_text())
     assert [told["finest_lod"] for told in plan["levels"]["characters"]] == list(finest)

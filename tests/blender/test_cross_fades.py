@@ -17,9 +17,10 @@ from crowd_lod_extension.operators.lod_meshes import deviation
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.overlay import skinned_characters
 from crowd_lod_extension.operators.render_setup import bake, render_setup
-from crowd_lod_extension.operators.scene.scene_crowd import characters_of, frame_of, trajectory_of
+from crowd_lod_extension.operators.scene.scene_crowd import characters_of, read_crowd, trajectory_of
 
 from ..support.freshness import changed_since_make
+from ..support.scene_frames import frame_now
 from .test_actions import STATES, levelled, name_actions, waiting  # noqa: F401
 from .test_rigs import instances
 
@@ -110,7 +111,7 @@ def faders(scene, number):
     The phase by what is to come.
     """
     trajectory = trajectory_of(scene)
-    plan = frame_of(scene, bpy.context.evaluated_depsgraph_get())
+    plan = frame_now(scene, bpy.context.evaluated_depsgraph_get())
     crowd = plan.crowd
     found = {}
     names = np.array(trajectory.gaits.paces.actions)[crowd.playing]
@@ -155,7 +156,7 @@ def test_live_build_and_bake_show_the_steps_of_cross_fades(fading):
     scene = fading
     seen = set()
     scene.crowd_lod.thresholds[0] = 0.99  # all at LOD 0
-    list(render_setup.build(scene))
+    list(render_setup.build(read_crowd(scene)))
     assert bpy.data.objects["adult rig"].animation_data.action.name == "walk adult"
     for number in (3, 30, 60):
         scene.frame_set(number)

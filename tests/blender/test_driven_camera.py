@@ -12,7 +12,8 @@ from crowd_lod_extension.operators.render_setup import render_setup
 from crowd_lod_extension.operators.render_setup.bake import bake
 from crowd_lod_extension.operators.runs.preview import Preview, preview
 from crowd_lod_extension.operators.runs.verify import Verify, verify
-from crowd_lod_extension.operators.scene.scene_crowd import frame_of
+
+from ..support.scene_frames import frame_now
 
 FINER = -1  # verify finds other colors in LODs of coarser characters
 
@@ -263,7 +264,7 @@ def test_verify_renders_and_judges_what_the_scenes_own_frames_show(built, tmp_pa
     built.frame_set(14)
     depsgraph = bpy.context.evaluated_depsgraph_get()
     lens = round(of_scene(built, depsgraph), 3)
-    visible = int(frame_of(built, depsgraph).visible.sum())
+    visible = int(frame_now(built, depsgraph).visible.sum())
     built.frame_set(2)
     before = settings(built)
     lenses = set()

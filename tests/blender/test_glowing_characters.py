@@ -17,6 +17,7 @@ from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.render_setup.hidden_characters import notes_on_characters
 from crowd_lod_extension.operators.render_setup.render_setup import build
 from crowd_lod_extension.operators.scene.populate import populate_scene
+from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 from crowd_lod_extension.sample_scenes.scenery import add, material, tile
 
 from ..support.characters import character, new, tube
@@ -158,7 +159,7 @@ def glow_scene(made):
 
 
 def rendered(scene, path):
-    list(build(scene))
+    list(build(read_crowd(scene)))
     scene.render.image_settings.file_format = "OPEN_EXR"
     scene.render.filepath = str(path)
     bpy.ops.render.render(write_still=True)
@@ -196,7 +197,7 @@ def test_populate_and_build_name_the_characters_that_glow():
     assert glowing(scene) == {"someone": [bpy.data.materials["Emission"]]}
     _, warnings = finished(populate_scene(scene, bpy.context.evaluated_depsgraph_get()))
     assert any("someone (material Emission)" in warning for warning in warnings)
-    list(build(scene))
+    list(build(read_crowd(scene)))
     assert "someone (material Emission)" in notes_on_characters(scene)
     scene.crowd_lod.shadows = False
     assert "culling takes it away" in " ".join(notes_on_glow(scene))

@@ -11,9 +11,11 @@ from crowd_lod_extension.operators.characters.stored_groups import store_groups
 from crowd_lod_extension.operators.render_setup import render_setup
 from crowd_lod_extension.operators.render_setup.bake import bake
 from crowd_lod_extension.operators.scene.lights import read_surroundings
-from crowd_lod_extension.operators.scene.scene_crowd import frame_of
+from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 from crowd_lod_extension.sample_scenes.scenery import add, box, material, tile
 from mathutils import Matrix
+
+from ..support.scene_frames import frame_now
 
 
 @pytest.fixture
@@ -135,7 +137,7 @@ def test_the_box_of_what_shadows_fall_on_leaves_out_lights_hidden_things_and_the
     np.testing.assert_allclose(read(lit).box, [(-30, -40, 0), (30, 50, 0)], atol=1e-5)
     tower = add(lit.collection, "Tower", [(box(-1, -1, 1, 1, 0, 12), material("Stone", (1, 1, 1)))])
     tower.location.x = 40
-    list(render_setup.build(lit))
+    list(render_setup.build(read_crowd(lit)))
     lit.frame_set(5)
     np.testing.assert_allclose(read(lit).box, [(-30, -40, 0), (41, 50, 12)], atol=1e-5)
     tower.hide_render = True
@@ -223,7 +225,7 @@ def test_the_build_holds_them_apart_at_the_coarsest_lod_as_a_pure_function_of_th
         sun.rotation_euler = turn
         sun.keyframe_insert("rotation_euler", frame=frame)
     lit.render.use_motion_blur = blur
-    list(render_setup.build(lit))
+    list(render_setup.build(read_crowd(lit)))
     first = {}
     for time in (30.0, 2.0, 11.25, 11.0, 10.75, 11.25, 2.0, 10.75, 30.0):
         lit.frame_set(int(time), subframe=time % 1)
@@ -232,7 +234,7 @@ def test_the_build_holds_them_apart_at_the_coarsest_lod_as_a_pure_function_of_th
     shown = [rendered(lit, number, unseen) for number in (11, 30, 11)]
     assert shown[0] == shown[2] and len(shown[0]) == (3 if blur else 1)
     found = shown[0][11]
-    frame = frame_of(lit, bpy.context.evaluated_depsgraph_get(), around=read(lit))
+    frame = frame_now(lit, bpy.context.evaluated_depsgraph_get(), around=read(lit))
     assert (
         len(found["Shadow 2"]) // 12 == len(frame.shadow.order) > 0
         and frame.shadow.counts[:2].sum() == 0
@@ -255,7 +257,7 @@ def test_a_bake_keeps_for_their_shadows_whom_each_frame_keeps(lit, blur, rendere
         sun.keyframe_insert("rotation_euler", frame=frame)
         wall.keyframe_insert("location", frame=frame)
     lit.render.use_motion_blur = blur
-    list(render_setup.build(lit))
+    list(render_setup.build(read_crowd(lit)))
 
     def ids(mesh, name):
         values = np.empty(len(mesh.vertices), np.int32)

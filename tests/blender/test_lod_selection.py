@@ -11,7 +11,10 @@ from crowd_lod_extension.operators.characters import stored_groups
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.render_setup import render_setup
 from crowd_lod_extension.operators.scene import scene_crowd
+from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 from mathutils import Vector
+
+from ..support.scene_frames import frame_now
 
 FINER = -1  # coarser characters have a LOD that loses nothing
 MADE = "by tolerance"
@@ -56,9 +59,9 @@ def test_as_many_are_made_as_pay_and_the_build_shows_them(tolerant, saved_once):
     assert all(block.users for block in new)
     meshes = {b for b in new if isinstance(b, bpy.types.Mesh)}
     assert len(meshes) == sum(len(set(g.triangles)) - 1 for g in groups)
-    list(render_setup.build(tolerant))
+    list(render_setup.build(read_crowd(tolerant)))
     tolerant.frame_set(5)
-    frame = scene_crowd.frame_of(tolerant, bpy.context.evaluated_depsgraph_get())
+    frame = frame_now(tolerant, bpy.context.evaluated_depsgraph_get())
     assert len(frame.buckets.counts) == count
     found = [
         o.instance_object.name
@@ -90,7 +93,7 @@ def test_at_the_switch_distance_the_bound_spans_the_tolerance_in_blender_s_own_c
         render.resolution_x = width
         render.resolution_y = width * 9 // 16
         bpy.context.view_layer.update()
-        frame = scene_crowd.frame_of(made, bpy.context.evaluated_depsgraph_get())
+        frame = frame_now(made, bpy.context.evaluated_depsgraph_get())
         for group, begins in zip(stored_groups.groups_of(settings), frame.begins, strict=True):
             for meters, begin in zip(group.bounds[1:], begins[np.isfinite(begins)], strict=False):
                 depth = -(begin - group.radius)  # of the sphere's nearest point
@@ -104,15 +107,15 @@ def test_at_the_switch_distance_the_bound_spans_the_tolerance_in_blender_s_own_c
 def test_tolerance_reaches_the_frame_and_a_wrong_one_is_refused(made):
     settings = made.crowd_lod
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    one = scene_crowd.frame_of(made, depsgraph)
+    one = frame_now(made, depsgraph)
     settings.tolerance = 4
-    four = scene_crowd.frame_of(made, depsgraph)
+    four = frame_now(made, depsgraph)
     assert (four.levels >= one.levels).all() and four.triangles < one.triangles
     assert (np.diff(one.begins, axis=1) >= 0).all()
     for wrong in (0, float("nan")):
         settings.tolerance = wrong
         with pytest.raises(CrowdError, match="tolerance"):
-            scene_crowd.frame_of(made, depsgraph)
+            frame_now(made, depsgraph)
     settings.choice = "BY_RATIO"
     assert scene_crowd.policy_of(settings).thresholds == (0.2, 0.5)
 

@@ -25,10 +25,12 @@ from crowd_lod_extension.operators.lod_meshes.worst_place import InPose
 from crowd_lod_extension.operators.runs import lod_picture, lod_table
 from crowd_lod_extension.operators.scene import scene_crowd
 
+from ..support.scene_frames import frame_now
+
 
 def tables_of(scene, folder):
     """The tables of `scene` as its camera sees it, and the frame."""
-    frame = scene_crowd.frame_of(scene, bpy.context.evaluated_depsgraph_get())
+    frame = frame_now(scene, bpy.context.evaluated_depsgraph_get())
     steps = lod_table.tables(
         scene, scene_crowd.trajectory_of(scene).groups, frame.camera, frame.begins, folder
     )
@@ -211,7 +213,7 @@ def test_a_preview_by_tolerance_leaves_the_report(scene, tmp_path, capfd):
     settings.tolerance = 2
     stored_groups.store_groups(settings, group_measuring.measure_groups(scene))
     list(make_levels(scene))
-    begins = scene_crowd.frame_of(scene, bpy.context.evaluated_depsgraph_get()).begins
+    begins = frame_now(scene, bpy.context.evaluated_depsgraph_get()).begins
     groups = stored_groups.groups_of(settings)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "crowd.blend"))
     words = [

@@ -7,6 +7,7 @@ from crowd_lod_extension.operators.freshness.artifacts import MADE_FOR, note_bui
 from crowd_lod_extension.operators.freshness.parts import build_parts
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.render_setup import render_setup
+from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 from crowd_lod_extension.operators.ui import steps
 from mathutils import Matrix
 
@@ -86,8 +87,9 @@ def test_lods_of_characters_that_were_edited_are_to_be_made_again_and_those_that
         mesh.keyframe_insert("location", frame=frame)
     scene.frame_set(1)
     list(make_levels(scene))
-    list(render_setup.build(scene))
-    note_build(scene, build_parts(scene))
+    crowd = read_crowd(scene)
+    list(render_setup.build(crowd))
+    note_build(scene, build_parts(crowd))
     scene.frame_set(10)
     assert not told_of(scene) and not changed_since_build(scene)
     mesh.data.transform(Matrix.Scale(1.3, 4))
@@ -96,9 +98,9 @@ def test_lods_of_characters_that_were_edited_are_to_be_made_again_and_those_that
         and steps.next_operator(scene) == "crowd_lod.make_levels"
     )
     assert changed_since_build(scene) == ["the character adult"]
-    assert "the character adult changed" in render_setup.notes_on_cast(
-        scene, finished(render_setup.build(scene))
-    )
+    crowd = read_crowd(scene)
+    cast = finished(render_setup.build(crowd))
+    assert "the character adult changed" in render_setup.notes_on_cast(crowd, cast)
     list(make_levels(scene))
     assert not told_of(scene)
     mesh.modifiers.new("Thicker", "SOLIDIFY")

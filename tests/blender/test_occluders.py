@@ -12,13 +12,15 @@ from crowd_lod_extension.operators.overlay.agent_colors import by_reason
 from crowd_lod_extension.operators.render_setup import render_setup
 from crowd_lod_extension.operators.render_setup.cost_estimate import estimate
 from crowd_lod_extension.operators.scene.lights import read_surroundings
-from crowd_lod_extension.operators.scene.scene_crowd import frame_of, policy_of
+from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 from crowd_lod_extension.operators.scene.scene_occluders import scenery_digest
 from crowd_lod_extension.operators.scene.shot_reference import plan_inputs
 from crowd_lod_extension.operators.shot.shot_survey import survey_of
 from crowd_lod_extension.sample_scenes.scenery import add, box, material, tile
 from mathutils import Vector
 from mathutils.bvhtree import BVHTree
+
+from ..support.scene_frames import frame_now
 
 pytestmark = pytest.mark.once
 
@@ -69,7 +71,7 @@ def surroundings(scene):
 
 def planned(scene):
     around = surroundings(scene)
-    return frame_of(scene, scene.view_layers[0].depsgraph, around=around)
+    return frame_now(scene, scene.view_layers[0].depsgraph, around=around)
 
 
 def triangles_of(scene):
@@ -205,10 +207,10 @@ def test_a_gate_hides_when_it_is_shut_and_not_while_the_shutter_sees_it_move(str
 
 def test_estimate_tells_the_gain_and_the_digest_the_scenery(street):
     settings = street.crowd_lod
-    sentence = finished(estimate(street, settings, [1])).sentence
+    sentence = finished(estimate(street, [1])).sentence
     assert "Scenery hides" in sentence and "so few instances cost Cycles" in sentence
     street.render.engine = scene_data.EEVEE
-    sentence = finished(estimate(street, settings, [1])).sentence
+    sentence = finished(estimate(street, [1])).sentence
     assert "Scenery hides" in sentence and "next to nothing" not in sentence
     before = scenery_digest(street)
     bpy.data.objects["House 0 0"].location.z = 1
@@ -218,16 +220,16 @@ def test_estimate_tells_the_gain_and_the_digest_the_scenery(street):
     assert scenery_digest(street) == before
     for item in street.objects:
         item.hide_render = item.name.startswith("House") and item.name != "House 0 1"
-    sentence = finished(estimate(street, settings, [1])).sentence
+    sentence = finished(estimate(street, [1])).sentence
     assert "next to nothing" in sentence and sentence.endswith("its surface: House 0 1.")
     settings.occlusion = False
-    assert "Scenery" not in finished(estimate(street, settings, [1])).sentence
+    assert "Scenery" not in finished(estimate(street, [1])).sentence
     assert scenery_digest(street) == {}
 
 
 def test_a_plan_knows_who_is_hidden(street):
     """Nobody hidden asks for a LOD, and plan and frames agree on who that is."""
-    surveyed = finished(survey_of(street, [1, 2]))
+    surveyed = finished(survey_of(read_crowd(street), [1, 2]))
     assert any("let light through" in item.reason for item in surveyed.left_out)
     survey = surveyed.survey
     for f, number in enumerate((1, 2)):
@@ -241,8 +243,8 @@ def test_a_plan_knows_who_is_hidden(street):
     names = {colors.names[index] for index in colors.index[frame.hidden]}
     assert names == {"Hidden by scenery"}
     assert len(colors.palette) == len(colors.names)
-    inputs = plan_inputs(street.crowd_lod, frame.trajectory, policy_of(street.crowd_lod), None)
+    inputs = plan_inputs(read_crowd(street))
     before = inputs["the scenery"]
-    finished(render_setup.build(street))
+    finished(render_setup.build(read_crowd(street)))
     house(street, "Above", 0, 0).hide_render = True
     assert scenery_digest(street)["the scenery"] == before

@@ -13,6 +13,8 @@ from crowd_lod_extension.operators.overlay.inset import STRAY, with_strays
 from crowd_lod_extension.operators.runs.preview import Preview, preview
 from crowd_lod_extension.operators.scene import scene_crowd, stuck_agents
 
+from ..support.scene_frames import frame_now
+
 pytestmark = pytest.mark.once  # long, and the same on every Blender
 
 
@@ -78,7 +80,7 @@ def test_inset_and_picture_from_above_mark_them(scene, tmp_path):
     odd = [(35, 5), (36, 6), (35, 7)]
     paint(scene, odd)
     bpy.ops.crowd_lod.populate()
-    frame = scene_crowd.frame_of(scene, bpy.context.evaluated_depsgraph_get())
+    frame = frame_now(scene, bpy.context.evaluated_depsgraph_get())
     what = drawing(frame)
     marked = with_strays(what, stray_places(frame.trajectory))
     assert (

@@ -9,9 +9,9 @@ import pytest
 from crowd_lod_extension.operators.blender import sidebar_answers
 from crowd_lod_extension.operators.blender.output_folders import full_path, output_folder
 from crowd_lod_extension.operators.runs.open_report import report_path
-from crowd_lod_extension.operators.scene.scene_crowd import frame_of
 
 from ..support.freshness import changed_since_build
+from ..support.scene_frames import frame_now
 
 
 def small(scene):
@@ -37,7 +37,7 @@ def save(path, **options):
 
 def planned(scene):
     scene.frame_set(1)
-    return frame_of(scene, bpy.context.evaluated_depsgraph_get()).planned
+    return frame_now(scene, bpy.context.evaluated_depsgraph_get()).planned
 
 
 def test_output_of_an_unsaved_file_waits_in_the_session_and_moves_with_the_first_save(

@@ -3,7 +3,8 @@
 import bpy
 import pytest
 from crowd_lod_extension.operators.cli import commands
-from crowd_lod_extension.operators.scene.scene_crowd import frame_of
+
+from ..support.scene_frames import frame_now
 
 FINER = -1  # verify finds other colors in LODs of coarser characters
 
@@ -24,7 +25,7 @@ def planned(levelled, tmp_path, capfd):
     first visible agent.
     """
     levelled.frame_set(3)
-    seen = frame_of(levelled, bpy.context.evaluated_depsgraph_get()).visible
+    seen = frame_now(levelled, bpy.context.evaluated_depsgraph_get()).visible
     entry = levelled.crowd_lod.exceptions.add()
     entry.name = "Gone"
     entry.kind = "HIDE"

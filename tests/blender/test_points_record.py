@@ -4,9 +4,10 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.operators.cli import commands
-from crowd_lod_extension.operators.scene.scene_crowd import frame_of, trajectory_of
+from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 
 from ..support.scatter import scatter
+from ..support.scene_frames import frame_at
 from .test_points_source import bare, crowd_of, instances_of
 
 
@@ -180,5 +181,5 @@ def test_plan_holds_for_the_record(moving, tmp_path):
     bpy.ops.crowd_lod.record_points()
     moving.crowd_lod.output_folder = str(tmp_path)
     bpy.ops.crowd_lod.plan_shot()
-    frame = frame_of(moving, moving.view_layers[0].depsgraph, 2)
+    frame = frame_at(moving, moving.view_layers[0].depsgraph, 2)
     assert frame.planned and not frame.unplanned

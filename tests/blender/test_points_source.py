@@ -3,15 +3,19 @@
 Bad points are told.
 """
 
+from dataclasses import replace
+
 import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd.leave_outs import NOTHING
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
-from crowd_lod_extension.operators.scene.scene_crowd import frame_of, trajectory_of
+from crowd_lod_extension.operators.scene.frame_plan import SceneMoment, frame_of
+from crowd_lod_extension.operators.scene.scene_crowd import read_crowd, trajectory_of
 
 from ..support.scatter import scatter
+from ..support.scene_frames import frame_now
 from ..support.shots import raw
 
 
@@ -64,7 +68,7 @@ def test_points_move_with_the_clock_and_keep_who_they_are(scene):
 def test_nobody_is_missed_and_leave_outs_change_nothing(scene):
     item = scatter(scene, instances=True)
     trajectory = crowd_of(scene, item)
-    frame = frame_of(scene, scene.view_layers[0].depsgraph)
+    frame = frame_now(scene, scene.view_layers[0].depsgraph)
     place, _ = instances_of(scene, item)
     group = [trajectory.groups[g] for g in trajectory.start.group]
     seen = [
@@ -72,7 +76,8 @@ def test_nobody_is_missed_and_leave_outs_change_nothing(scene):
     ]
     assert 0 < sum(seen) < 60
     assert not [a for a in np.flatnonzero(seen) if not frame.visible[a]]
-    assert raw(frame) == raw(frame_of(scene, None, 1, frame.camera, trajectory.leaving(NOTHING, 1)))
+    crowd = replace(read_crowd(scene), trajectory=trajectory.leaving(NOTHING, 1))
+    assert raw(frame) == raw(frame_of(crowd, SceneMoment(1, (frame.camera,))))
 
 
 def test_named_attributes_give_group_heading_and_phase(scene):
@@ -272,7 +277,7 @@ def test_build_shows_the_points_of_each_frame(levelled):
     for number in (1, 5, 3):
         levelled.frame_set(number)
         place, _ = instances_of(levelled, item)
-        frame = frame_of(levelled, levelled.view_layers[0].depsgraph)
+        frame = frame_now(levelled, levelled.view_layers[0].depsgraph)
         shown = {}
         for points in levelled.crowd_lod.build.all_objects:
             if points.name.startswith("Crowd LOD") and points.name.endswith("points"):

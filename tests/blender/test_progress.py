@@ -34,7 +34,7 @@ def verified(scene, folder):
 
 
 def baked(scene, folder):
-    return prepared(scene, lambda: bake(scene, [FAR]))
+    return prepared(scene, lambda _: bake(scene, [FAR]))
 
 
 def reported(scene, folder):

@@ -10,9 +10,9 @@ from crowd_lod_extension.operators.blender import provenance, sidebar_answers
 from crowd_lod_extension.operators.characters import cast_provenance
 from crowd_lod_extension.operators.characters.cast_provenance import cast_inputs
 from crowd_lod_extension.operators.cli import commands
-from crowd_lod_extension.operators.scene.scene_crowd import frame_of
 
 from ..support.freshness import changed_since_build, changed_since_make
+from ..support.scene_frames import frame_now
 
 
 @pytest.fixture(autouse=True)
@@ -133,10 +133,10 @@ def test_a_plan_is_not_used_after_a_lod_was_edited_and_strict_is_strict(levelled
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "a.blend"))
     assert bpy.ops.crowd_lod.plan_shot() == {"FINISHED"}
     levelled.frame_set(2)
-    assert frame_of(levelled, bpy.context.evaluated_depsgraph_get()).planned
+    assert frame_now(levelled, bpy.context.evaluated_depsgraph_get()).planned
     level(levelled, 1).data.vertices[0].co.z += 0.3
     words = "LOD 1 of adult changed since it was made"
-    frame = frame_of(levelled, bpy.context.evaluated_depsgraph_get())
+    frame = frame_now(levelled, bpy.context.evaluated_depsgraph_get())
     assert not frame.planned and words in frame.unplanned
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "b.blend"))
     capfd.readouterr()

@@ -14,7 +14,9 @@ from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.render_setup import render_setup, rigs
 from crowd_lod_extension.operators.render_setup.phase_characters import make_cast
 from crowd_lod_extension.operators.render_setup.shelves import LIBRARY, RIGS
-from crowd_lod_extension.operators.scene.scene_crowd import characters_of, frame_of, trajectory_of
+from crowd_lod_extension.operators.scene.scene_crowd import characters_of, read_crowd, trajectory_of
+
+from ..support.scene_frames import frame_now
 
 
 def instances(scene):
@@ -68,7 +70,7 @@ def worst(scene, frame, agents=4):
     at most.
     """
     trajectory = trajectory_of(scene)
-    plan = frame_of(scene, bpy.context.evaluated_depsgraph_get())
+    plan = frame_now(scene, bpy.context.evaluated_depsgraph_get())
     crowd = plan.crowd
     nearest_agents = plan.buckets[0][:agents]
     assert len(nearest_agents)
@@ -226,7 +228,7 @@ def test_a_bake_of_frames_that_show_nobody_leaves_no_motion(built):
 def test_making_a_cast_leaves_nothing_when_it_is_stopped(levelled):
     before = set(bpy.data.user_map())
     for steps in (1, 30, 70, 150):
-        making = make_cast(levelled)
+        making = make_cast(read_crowd(levelled))
         for _ in range(steps):
             next(making)
         making.close()
@@ -235,7 +237,7 @@ def test_making_a_cast_leaves_nothing_when_it_is_stopped(levelled):
 
 def test_a_window_may_be_drawn_while_rigs_are_made(levelled):
     """Animation editors look through the poses of all armatures, and crash where there is none."""
-    for _ in make_cast(levelled):
+    for _ in make_cast(read_crowd(levelled)):
         armatures = [item for item in bpy.data.objects if item.type == "ARMATURE"]
         assert all(armature.pose for armature in armatures)
     assert len(armatures) > CLASSES
@@ -261,7 +263,7 @@ def test_neighbors_are_drawn_in_different_poses(built, tmp_path, engine):
     settings.center = (0, 0, 0)
     settings.characters.children.unlink(settings.characters.children["child"])
     list(make_levels(built))
-    list(render_setup.build(built))
+    list(render_setup.build(read_crowd(built)))
     built.camera.animation_data_clear()
     built.camera.data.type = "ORTHO"
     built.camera.data.ortho_scale = 6

@@ -11,7 +11,10 @@ from crowd_lod_extension.operators.characters import group_measuring, stored_gro
 from crowd_lod_extension.operators.machine import scene_world
 from crowd_lod_extension.operators.render_setup import render_setup
 from crowd_lod_extension.operators.scene import scene_crowd, stuck_agents
+from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 from crowd_lod_extension.operators.ui import steps
+
+from ..support.scene_frames import frame_now
 
 STUCK = """{"version": 1, "labels": {"ground": {"color": "#808080"}},
  "states": {"go": {"on": {"*": {"move": [%s, 0]}}}}}"""
@@ -53,9 +56,9 @@ def test_agents_that_tilt_stand_square_on_the_ground_and_keep_their_way(levelled
     levelled.crowd_lod.tilt = True
     levelled.crowd_lod.forward = forward
     stored_groups.store_groups(levelled.crowd_lod, group_measuring.measure_groups(levelled))
-    list(render_setup.build(levelled))
+    list(render_setup.build(read_crowd(levelled)))
     levelled.frame_set(7)
-    frame = scene_crowd.frame_of(levelled, bpy.context.evaluated_depsgraph_get())
+    frame = frame_now(levelled, bpy.context.evaluated_depsgraph_get())
     heights = scene_crowd.trajectory_of(levelled).heights
     found = turns(levelled)
     checked = 0
@@ -151,13 +154,13 @@ def test_the_search_for_trouble_is_bounded_and_says_so(scene, monkeypatch):
 def test_thresholds_of_a_group_s_own_reach_the_frame_and_outlive_populate(scene):
     bpy.ops.crowd_lod.populate()
     settings = scene.crowd_lod
-    before = scene_crowd.frame_of(scene, bpy.context.evaluated_depsgraph_get())
+    before = frame_now(scene, bpy.context.evaluated_depsgraph_get())
     settings.groups[1].own_thresholds = True
     settings.groups[1].thresholds[:2] = (0.01, 0.02)
     assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
     policy = scene_crowd.policy_of(settings)
     assert policy.thresholds == (0.2, 0.5) and policy.group_thresholds == ((), (0.01, 0.02))
-    after = scene_crowd.frame_of(scene, bpy.context.evaluated_depsgraph_get())
+    after = frame_now(scene, bpy.context.evaluated_depsgraph_get())
     own = after.crowd.group == 1
     assert (after.levels[~own] == before.levels[~own]).all()
     assert (before.levels[own & after.visible] < 2).any() and (

@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.sources.several import Several
-from crowd_lod_extension.operators.scene.scene_crowd import frame_of, trajectory_of
+from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
+
+from ..support.scene_frames import frame_at, frame_now
 
 
 @pytest.fixture
@@ -26,13 +28,13 @@ def test_agents_of_the_second_crowd_follow_and_show_its_groups(two):
     names = [group.name for group in trajectory.groups]
     assert {names[group] for group in trajectory.start.group[300:]} == {"child"}
     assert (trajectory.start.z[300:] == 3).all() and trajectory_of(two) is trajectory
-    frame = frame_of(two, bpy.context.evaluated_depsgraph_get(), 5)
+    frame = frame_at(two, bpy.context.evaluated_depsgraph_get(), 5)
     assert frame.visible[300:].any() and frame.visible[:300].any()
 
 
 def test_build_has_both_and_a_hidden_crowd_leaves_it(two):
     bpy.ops.crowd_lod.build()
-    frame = frame_of(two, bpy.context.evaluated_depsgraph_get())
+    frame = frame_now(two, bpy.context.evaluated_depsgraph_get())
     shown = _ids(two)
     assert sorted(shown) == sorted(frame.buckets.order.tolist()) and max(shown) >= 300
     two.crowd_lod.crowds[0].use_crowd = False
@@ -67,9 +69,9 @@ def test_a_plan_of_the_shot_holds_all_crowds_and_is_told_when_one_changes(two, t
     settings.output_folder = str(tmp_path)
     two.frame_end = 3
     bpy.ops.crowd_lod.plan_shot()
-    frame = frame_of(two, bpy.context.evaluated_depsgraph_get(), 2)
+    frame = frame_at(two, bpy.context.evaluated_depsgraph_get(), 2)
     assert frame.planned and len(frame.plan_row) == 340
     settings.crowds[0].seed += 1
-    frame = frame_of(two, bpy.context.evaluated_depsgraph_get(), 2)
+    frame = frame_at(two, bpy.context.evaluated_depsgraph_get(), 2)
     assert not frame.planned and "a further crowd" in frame.unplanned
     assert np.isfinite(frame.crowd.x).all()

@@ -8,9 +8,9 @@ from crowd_lod_extension.operators.characters.group_measuring import measure_gro
 from crowd_lod_extension.operators.characters.stored_groups import groups_of, store_groups
 from crowd_lod_extension.operators.lod_meshes.deviation import measure_levels
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.scene.scene_crowd import frame_of
 
 from ..support.characters import character, new, painted, tube
+from ..support.scene_frames import frame_now
 
 
 @pytest.fixture
@@ -45,7 +45,7 @@ def striped(monkeypatch):
 
 
 def begins(scene):
-    return frame_of(scene, bpy.context.evaluated_depsgraph_get(), shutter=()).begins[0]
+    return frame_now(scene, bpy.context.evaluated_depsgraph_get()).begins[0]
 
 
 def shift(scene, level, by):
@@ -72,7 +72,7 @@ def test_a_lod_that_shades_differently_begins_farther_off(striped):
     shift(striped, 1, 1 / 8)
     list(measure_levels(striped))
     (group,) = groups_of(settings)
-    camera = frame_of(striped, bpy.context.evaluated_depsgraph_get(), shutter=()).camera
+    camera = frame_now(striped, bpy.context.evaluated_depsgraph_get()).camera
     assert group.shaded[1] > 0 and set(group.shaded) - {group.shaded[1]} == {0.0}
     assert begins(striped)[0] == pytest.approx(
         camera.pixels_per_unit * group.shaded[1] + group.radius

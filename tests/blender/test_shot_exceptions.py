@@ -9,8 +9,11 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.frame.planned import HIDDEN, LEVEL, PINNED
 from crowd_lod_extension.crowd_lod.shot import plan_file
-from crowd_lod_extension.operators.scene.scene_crowd import frame_of, policy_of, trajectory_of
+from crowd_lod_extension.operators.scene.frame_plan import frame_by_policy
+from crowd_lod_extension.operators.scene.scene_crowd import read_crowd, trajectory_of
 from crowd_lod_extension.operators.scene.shot_exceptions import exemptions_of
+
+from ..support.scene_frames import frame_now
 
 FRAMES = range(1, 13)
 
@@ -24,10 +27,7 @@ def add(scene, name="Hero", **settings):
 
 
 def chosen_agents(scene, frames=FRAMES):
-    return [
-        each.agents.tolist()
-        for each in exemptions_of(scene, trajectory_of(scene), policy_of(scene.crowd_lod), frames)
-    ]
+    return [each.agents.tolist() for each in exemptions_of(read_crowd(scene), frames)]
 
 
 def planned(scene, folder):
@@ -43,7 +43,7 @@ def planned(scene, folder):
 
 def frame_at(scene, number):
     scene.frame_set(number)
-    return frame_of(scene, bpy.context.evaluated_depsgraph_get())
+    return frame_now(scene, bpy.context.evaluated_depsgraph_get())
 
 
 def seen_at(scene, level):
@@ -134,7 +134,6 @@ def test_the_plan_keeps_to_exceptions_and_its_users_show_them(levelled, tmp_path
 
 
 def test_who_is_hidden_casts_no_shadow(levelled, tmp_path):
-    from crowd_lod_extension.crowd_lod.frame.frame import plan
     from crowd_lod_extension.operators.blender import frame_stepping
     from crowd_lod_extension.operators.scene import lights
 
@@ -142,13 +141,12 @@ def test_who_is_hidden_casts_no_shadow(levelled, tmp_path):
     sun.rotation_euler = (1.2, 0, 0.4)
     levelled.collection.objects.link(sun)
     with frame_stepping.step_frames(levelled) as at:
-        eyes, around, shutter = lights.read_moment(levelled, 3, at)
-    trajectory = trajectory_of(levelled)
-    plain = plan(trajectory, eyes, policy_of(levelled.crowd_lod), 3, shutter)
+        moment = lights.read_moment(levelled, 3, at)
+    plain = frame_by_policy(read_crowd(levelled), moment)
     add(levelled, agents=f"0-{levelled.crowd_lod.count - 1}", kind="HIDE")
     planned(levelled, tmp_path / "plan")
     levelled.frame_set(3)
-    frame = frame_of(levelled, bpy.context.evaluated_depsgraph_get(), around=around)
+    frame = frame_now(levelled, bpy.context.evaluated_depsgraph_get(), around=moment.around)
     assert len(plain.buckets.order) > 0 == len(frame.buckets.order)
     assert len(frame.shadow.order) == len(frame.mirrored.order) == 0
 

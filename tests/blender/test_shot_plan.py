@@ -14,8 +14,10 @@ from crowd_lod_extension.operators.blender.animation import curves_of
 from crowd_lod_extension.operators.render_setup import bake, frame_update, render_setup
 from crowd_lod_extension.operators.runs.preview import preview, verdict_in
 from crowd_lod_extension.operators.runs.preview_stage import Preview
-from crowd_lod_extension.operators.scene.scene_crowd import frame_of
+from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 from crowd_lod_extension.operators.shot import shot_survey
+
+from ..support.scene_frames import frame_now
 
 FRAMES = range(1, 13)
 
@@ -43,7 +45,7 @@ def planned(scene, folder):
 
 def frame_at(scene, number, subframe=0.0):
     scene.frame_set(number, subframe=subframe)
-    return frame_of(scene, bpy.context.evaluated_depsgraph_get())
+    return frame_now(scene, bpy.context.evaluated_depsgraph_get())
 
 
 def levels_of(frame):
@@ -67,7 +69,7 @@ def test_every_frame_shows_the_plan(zoomed, tmp_path):
 
 def test_build_and_bake_show_the_plan(zoomed, tmp_path):
     stored = planned(zoomed, tmp_path / "plan")
-    finished(render_setup.build(zoomed))
+    finished(render_setup.build(read_crowd(zoomed)))
     zoomed.frame_set(6)
     frame_update.update(zoomed, bpy.context.evaluated_depsgraph_get())
     live = levels_of_points(zoomed, lambda ids, frames: ids)
@@ -84,15 +86,16 @@ def test_build_and_bake_show_the_plan(zoomed, tmp_path):
 
 
 def test_a_live_build_holds_what_its_plan_shows(zoomed, tmp_path):
-    finished(render_setup.build(zoomed))
+    finished(render_setup.build(read_crowd(zoomed)))
     everything = len(meshes_in(zoomed))
     planned(zoomed, tmp_path / "plan")
-    cast = finished(render_setup.build(zoomed))
+    cast = finished(render_setup.build(read_crowd(zoomed)))
     assert len(meshes_in(zoomed)) < everything / 2
     live = {number: instances_at(zoomed, number) for number in (1, 6, 12)}
     after = instances_at(zoomed, 30)  # beyond the plan
     lods = levels_of(frame_at(zoomed, 30))
-    assert finished(render_setup.build(zoomed)).collections == [] != cast.collections  # it stays
+    again = finished(render_setup.build(read_crowd(zoomed)))
+    assert again.collections == [] != cast.collections  # it stays
     finished(bake.bake(zoomed, FRAMES))
     assert all(live.values()) and live == {n: instances_at(zoomed, n) for n in live}
     # nobody is missing there, and nobody is coarser than it may be
@@ -215,7 +218,7 @@ def test_a_cut_to_another_camera_hides_switches(zoomed):
     zoomed.collection.objects.link(other)
     for frame, camera in ((1, zoomed.camera), (7, other)):
         zoomed.timeline_markers.new(f"{frame}", frame=frame).camera = camera
-    survey = finished(shot_survey.survey_of(zoomed, FRAMES)).survey
+    survey = finished(shot_survey.survey_of(read_crowd(zoomed), FRAMES)).survey
     assert survey.cuts.tolist() == [number == 7 for number in FRAMES]
     joined = [survey.joined(block) for block in survey.cells.blocks]
     assert not joined[0][6].any() and joined[0][7].any()
@@ -308,7 +311,7 @@ def test_preview_plans_first(zoomed, tmp_path):
 
 def test_no_frames_is_an_error(zoomed):
     with pytest.raises(CrowdError, match="no frames"):
-        finished(shot_survey.survey_of(zoomed, []))
+        finished(shot_survey.survey_of(read_crowd(zoomed), []))
 
 
 @pytest.mark.once

@@ -11,8 +11,9 @@ import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.sources.recorded import Recorded
 from crowd_lod_extension.crowd_lod.tracks import npz
-from crowd_lod_extension.operators.scene.scene_crowd import frame_of, trajectory_of
+from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 
+from ..support.scene_frames import frame_at, frame_now
 from ..support.tracks import wanderers
 
 ROWS = replace(wanderers(80, z=False), rate=24.0)
@@ -46,7 +47,7 @@ def test_populate_tells_of_the_file_and_the_plan_shows_who_is_there(followed, ca
     )
     trajectory = trajectory_of(followed)
     assert isinstance(trajectory, Recorded) and trajectory_of(followed) is trajectory
-    frame = frame_of(followed, bpy.context.evaluated_depsgraph_get(), 60)
+    frame = frame_at(followed, bpy.context.evaluated_depsgraph_get(), 60)
     assert 0 < frame.crowd.there < 80 and not frame.visible[~frame.crowd.present].any()
 
 
@@ -85,7 +86,7 @@ def test_build_holds_who_is_there_and_follows_the_frames(followed):
     seen = set()
     for number in (20, 60, 120):
         followed.frame_set(number)
-        frame = frame_of(followed, bpy.context.evaluated_depsgraph_get())
+        frame = frame_now(followed, bpy.context.evaluated_depsgraph_get())
         shown = []
         for item in followed.crowd_lod.build.all_objects:
             if item.name.startswith("Crowd LOD") and item.name.endswith("points"):

@@ -17,12 +17,13 @@ from crowd_lod_extension.operators.characters.stored_groups import groups_of
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.overlay import hud
-from crowd_lod_extension.operators.scene.scene_crowd import frame_of, trajectory_of
+from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 from crowd_lod_extension.operators.shot.scene_json import crowd_json
 from crowd_lod_extension.operators.usd.openusd import openusd
 from crowd_lod_extension.sample_scenes.characters import make_characters
 
 from ..support.coarse_characters import CAGE
+from ..support.scene_frames import frame_now
 
 pytestmark = pytest.mark.once  # long, and the same on every Blender
 
@@ -176,7 +177,7 @@ def figures(scene, scale, source, folder):
     for number in (1, 2, 49) if source is not of_points else (1,):
         scene.frame_set(number)
         depsgraph = bpy.context.evaluated_depsgraph_get()
-        frame = frame_of(scene, depsgraph)
+        frame = frame_now(scene, depsgraph)
         crowd = frame.crowd
         arrays[f"places {number}"] = np.stack([crowd.x, crowd.y, crowd.z]) * scale
         arrays[f"classes {number}"] = np.stack([crowd.phase_class, crowd.group, crowd.state])

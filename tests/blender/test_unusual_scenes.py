@@ -14,7 +14,7 @@ from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.render_setup import render_setup
 from crowd_lod_extension.operators.render_setup.bake import bake
 from crowd_lod_extension.operators.render_setup.shelves import LIBRARY
-from crowd_lod_extension.operators.scene.scene_crowd import characters_of, trajectory_of
+from crowd_lod_extension.operators.scene.scene_crowd import characters_of, read_crowd, trajectory_of
 
 from ..support.characters import character, new, rig, skin, tube
 
@@ -103,7 +103,7 @@ def test_poses_stand_as_the_character_does_and_a_bake_is_as_the_build(bare, part
         dolly.keyframe_insert("location", frame=frame)
     store_groups(bare.crowd_lod, measure_groups(bare))
     list(make_levels(bare))
-    list(render_setup.build(bare))
+    list(render_setup.build(read_crowd(bare)))
     frames = range(bare.frame_start, bare.frame_end + 1, bare.frame_step)
     live = [instances(bare, number) for number in (1009, 1001)]
     assert live[0] != live[1] and min(map(len, live)) > 10
@@ -178,7 +178,7 @@ def test_characters_of_a_library_and_overrides_of_them_are_built_alike(bare, tmp
             top.children.link(override)
         store_groups(bare.crowd_lod, measure_groups(bare))
         list(make_levels(bare))
-        list(render_setup.build(bare))
+        list(render_setup.build(read_crowd(bare)))
         pictures.append(instances(bare, 7))
     assert len(pictures[0]) > 10 and [each[2] for each in pictures[0]] == [
         each[2] for each in pictures[1]

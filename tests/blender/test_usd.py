@@ -16,7 +16,7 @@ from crowd_lod_extension.operators.blender.output_folders import output_folder
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.lod_meshes.posed_shapes import Posed
 from crowd_lod_extension.operators.render_setup import render_setup
-from crowd_lod_extension.operators.scene.scene_crowd import characters_of, trajectory_of
+from crowd_lod_extension.operators.scene.scene_crowd import characters_of, read_crowd, trajectory_of
 from crowd_lod_extension.operators.usd.export import POSES, UsdExport, export_usd
 from crowd_lod_extension.operators.usd.openusd import openusd
 from mathutils import Matrix, Quaternion
@@ -103,7 +103,7 @@ def test_every_agent_stands_as_blender_puts_it_in_the_build_and_shows_its_lod(
     marker.camera.location = (25, 0, 3)
     marker.camera.rotation_euler = (1.4, 0, 1.57)
     built.timeline_markers.new("begin", frame=0).camera = built.camera
-    list(render_setup.build(built))
+    list(render_setup.build(read_crowd(built)))
     _, path = exported(built, tmp_path, animated=animated)
     stage, instancer = opened(usd, path)
     camera = usd.UsdGeom.Camera(stage.GetPrimAtPath("/Crowd/Camera"))

@@ -18,10 +18,11 @@ from crowd_lod_extension.operators.overlay.agent_colors import by_material
 from crowd_lod_extension.operators.overlay.skinned_characters import Character
 from crowd_lod_extension.operators.render_setup import bake
 from crowd_lod_extension.operators.render_setup.render_setup import points_of
-from crowd_lod_extension.operators.scene.scene_crowd import frame_of, trajectory_of
+from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 from crowd_lod_extension.operators.shot.shot_plan import PlanRequest, plan_shot, write_levels
 
 from ..support.scatter import scatter
+from ..support.scene_frames import frame_now
 from .test_points_source import crowd_of
 from .test_props import ball
 from .test_rigs import instances, itself
@@ -173,7 +174,7 @@ def test_plan_build_and_bake_show_each_part_where_its_wearer_is(dressed, tmp_pat
     assert len({item.data for item in rigs}) == 3
     assert len(rigs) == work_in(plan.shot, plan.plan.bill.agents_shown).rigs
     scene.frame_set(50)
-    frame = frame_of(scene, bpy.context.evaluated_depsgraph_get())
+    frame = frame_now(scene, bpy.context.evaluated_depsgraph_get())
     crowd = frame.crowd
     trajectory = frame.trajectory
     assert frame.planned and frame.people == 60
@@ -263,7 +264,7 @@ def test_the_overlay_colors_each_part_by_its_looks(dressed):
         for group in trajectory.groups
         for ramp in [looks.ramp if group.name == "adult + cap" else None]
     ]
-    frame = frame_of(dressed, bpy.context.evaluated_depsgraph_get())
+    frame = frame_now(dressed, bpy.context.evaluated_depsgraph_get())
     colors = by_material(frame, cast)
     caps = frame.crowd.group == [part.name for part in cast].index("adult + cap")
     shown = colors.palette[colors.index]

@@ -14,10 +14,10 @@ import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.frame.agent_under_cursor import account
 from crowd_lod_extension.operators.cli import commands
-from crowd_lod_extension.operators.scene import scene_crowd
 
 from ..blender import conftest
 from ..support.coarse_characters import CAGE
+from ..support.scene_frames import frame_now
 from .test_outputs import TRACKS
 
 pytestmark = pytest.mark.faults
@@ -175,7 +175,7 @@ def step(scene, name):
         scene.frame_set(2)
     elif name == "look":
         depsgraph = bpy.context.evaluated_depsgraph_get()
-        account(scene_crowd.frame_of(scene, depsgraph), 0)
+        account(frame_now(scene, depsgraph), 0)
     else:
         getattr(bpy.ops.crowd_lod, name)()
 

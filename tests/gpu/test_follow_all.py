@@ -4,9 +4,9 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.operators.overlay import display, open_shutter
-from crowd_lod_extension.operators.scene.scene_crowd import frame_of
 
 from ..support.overlays import populated, shown
+from ..support.scene_frames import frame_now
 
 
 @pytest.fixture
@@ -29,7 +29,7 @@ def image(name, value):
 
 def assert_as_planned(scene):
     now = shown(scene).frame
-    planned = frame_of(scene, scene.view_layers[0].depsgraph)
+    planned = frame_now(scene, scene.view_layers[0].depsgraph)
     assert (now.visible == planned.visible).all() and (now.levels == planned.levels).all()
     assert (now.crowd.z == planned.crowd.z).all()
     return now

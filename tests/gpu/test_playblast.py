@@ -16,9 +16,9 @@ from crowd_lod_extension.operators.overlay import playblast
 from crowd_lod_extension.operators.overlay.draw_data import Style, drawing
 from crowd_lod_extension.operators.overlay.gpu_batches import Batches, Cast
 from crowd_lod_extension.operators.overlay.gpu_draw import paint
-from crowd_lod_extension.operators.scene.scene_crowd import frame_of
 
 from ..support.coarse_characters import coarsen
+from ..support.scene_frames import frame_now
 
 WIDTH, HEIGHT = SIZE = 320, 180
 
@@ -44,7 +44,7 @@ def canvas():
 def boxes(scene):
     """The crowd as boxes in the tints of its LODs, alone."""
     groups = groups_of(scene.crowd_lod)
-    what = drawing(frame_of(scene, scene.view_layers[0].depsgraph), Style("BOXES", culled=False))
+    what = drawing(frame_now(scene, scene.view_layers[0].depsgraph), Style("BOXES", culled=False))
     return Batches(
         replace(what, lines=what.lines[:0], line_colors=what.line_colors[:0]), Cast(groups, ())
     )
