@@ -25,6 +25,7 @@ from .rig_dependencies import (
     moves_whole,
     read_columns,
     settings_of,
+    setup_of,
     shape_of,
     stance,
 )
@@ -141,7 +142,8 @@ def motion_digest(items: Sequence[bpy.types.Object]) -> str:
 
 
 def level_digest(home: bpy.types.Collection, characters: Sequence[bpy.types.Object]) -> str:
-    """Return the digest of a LOD: shapes, places, modifiers, weights, places of materials.
+    """Return the digest of a LOD: shapes, places, modifiers, weights, places of materials, and
+    what moves its objects themselves.
 
     Materials are told by their number among those of the character.
 
@@ -158,7 +160,8 @@ def level_digest(home: bpy.types.Collection, characters: Sequence[bpy.types.Obje
             numbers = [
                 palette.get(material, material and material.name_full) for material in materials
             ]
-            objects.append((object_digest(item, shared), numbers))
+            motion = text_digest(setup_of(item, called=_nameless))
+            objects.append((object_digest(item, shared), numbers, motion))
         return sorted(objects, key=repr)
 
     return text_digest(
