@@ -67,11 +67,11 @@ def prepared(
         with removal.all_or_nothing(), shared_record(scene, frames):
             if lacks_levels:
                 yield from share(make_levels(scene), 0.0, 0.3)
+                crowd = read_crowd(scene)  # its groups have LODs now
             elif not earlier_groups:
                 store_groups(settings, groups)
-            crowd = read_crowd(scene)  # the groups are others
             yield from standing(reading(scene), 0.3 if lacks_levels else 0.0)
-            made_for = inputs_of(scene)
+            made_for = inputs_of(crowd)
             result = yield from share(work(crowd), 0.3 if lacks_levels else 0.0, 1.0)
             # no more yields: what is half shown could not be put back
             with provenance.unedited():

@@ -14,7 +14,7 @@ from ..blender.cameras import read_cameras
 from ..blender.provenance import text_digest
 from ..blender.sidebar_answers import hold, keep_at_work
 from ..scene.lights import read_surroundings
-from ..scene.scene_crowd import read_crowd
+from ..scene.scene_crowd import SceneCrowd, read_crowd
 from ..scene.shot_reference import CAMERA, content_of, plan_inputs
 from .change_detection import cameras_digest, lights_digest
 from .render_setup import BAKED, CAMERAS, LIGHTS
@@ -76,7 +76,7 @@ def _changes(scene: bpy.types.Scene) -> list[str]:
         return []
     try:
         sentences = provenance.differences(
-            provenance.read_inputs(build, MADE_FOR), _of_kind(build, inputs_of(scene))
+            provenance.read_inputs(build, MADE_FOR), _of_kind(build, inputs_of(read_crowd(scene)))
         )
         if BAKED in build and not scene.frame_subframe:
             sentences += _other_in_frame(scene, build)
@@ -102,11 +102,12 @@ def _other_in_frame(scene: bpy.types.Scene, bake: bpy.types.Collection) -> list[
     return sentences
 
 
-def inputs_of(scene: bpy.types.Scene) -> dict[str, str]:
+def inputs_of(crowd: SceneCrowd) -> dict[str, str]:
     """Return digests of what a bake depends on, by name; a live build follows OF_BAKES."""
-    settings = scene.crowd_lod
+    scene = crowd.scene
+    settings = crowd.settings
     render = scene.render
-    inputs = plan_inputs(read_crowd(scene))
+    inputs = plan_inputs(crowd)
     homes = [home and home.name for home in (settings.mirrors, settings.see_through)]
     return inputs | {
         "the settings": text_digest(homes, *(getattr(settings, name) for name in SETTINGS)),

@@ -85,7 +85,7 @@ def test_lods_of_characters_that_were_edited_are_to_be_made_again_and_those_that
     scene.frame_set(1)
     list(make_levels(scene))
     list(render_setup.build(read_crowd(scene)))
-    staleness.note_build(scene, staleness.inputs_of(scene))
+    staleness.note_build(scene, staleness.inputs_of(read_crowd(scene)))
     scene.frame_set(10)
     assert not told_of(scene) and not staleness.changed(scene)
     mesh.data.transform(Matrix.Scale(1.3, 4))
