@@ -13,21 +13,10 @@ import numpy as np
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
-from . import mesh_data, provenance, removal
+from . import provenance, removal
 from .ownership import OWNED
-from .scene_data import node_inputs
 
-MADE_OF = "crowd_lod_made_of"  # custom property of such a mesh; see provenance.keep
 NAMES = "start_places", "terrain_mesh"  # the settings that refer to one
-SETTINGS = {"BOOLEAN", "INT", "FLOAT", "ENUM"}
-# settings of a modifier that do not change the shape
-PASSING = {
-    "execution_time",
-    "show_expanded",
-    "is_active",
-    "show_in_editmode",
-}
-SAMPLED = 500  # vertices of a mesh that a digest reads, about
 
 
 @contextmanager
@@ -54,55 +43,24 @@ def restore_on_failure(crowds: Sequence[bpy.types.PropertyGroup]) -> Iterator[No
         removal.remove([mesh for mesh in there if mesh.get(OWNED) and not mesh.users])
 
 
-def keep(
-    crowd: bpy.types.PropertyGroup, name: str, mesh: bpy.types.Mesh, inputs: dict[str, str]
-) -> None:
-    """Let the setting `name` of the crowd refer to `mesh`, which was made of these inputs."""
+def keep(crowd: bpy.types.PropertyGroup, name: str, mesh: bpy.types.Mesh) -> None:
+    """Let the setting `name` of the crowd refer to `mesh`."""
     mesh[OWNED] = True
-    provenance.keep(mesh, MADE_OF, inputs)
     setattr(crowd, name, mesh)
 
 
 def shape_digest(objects: Sequence[bpy.types.Object]) -> str:
-    """Return a digest that changes, most likely, when an object looks or stands otherwise.
+    """Return a digest that changes when an object looks or stands otherwise.
 
-    It is quick: of a mesh about SAMPLED vertices are read. No name is in it.
+    No name is in it. Where moving objects stand is left out.
     """
-    return provenance.text_digest(sorted(repr(_marks(item)) for item in objects))
-
-
-def _marks(item: bpy.types.Object) -> tuple:
-    """Return the object's place, shape and modifiers."""
-    data = item.data
-    shape: tuple = ()
-    if item.type == "MESH":
-        sample = np.array(mesh_data.some_vertices(data, SAMPLED), np.float32)
-        shape = (len(data.vertices), len(data.polygons), sample.tobytes())
-    elif item.type == "CURVE":
-        shape = tuple(
-            [tuple(point.co) for point in (*spline.points, *spline.bezier_points)]
-            for spline in data.splines
-        )
-    place = np.array(item.matrix_world).round(5).tolist()
-    return place, shape, [_modifier(modifier) for modifier in item.modifiers]
-
-
-def _modifier(modifier: bpy.types.Modifier) -> tuple:
-    """Return the numbers and choices of a modifier, and the inputs of its nodes."""
-    names = [
-        setting.identifier
-        for setting in modifier.bl_rna.properties
-        if setting.type in SETTINGS and not getattr(setting, "is_array", False)
+    moving = set(moving_names(objects))
+    places = [
+        [] if item.name in moving else np.array(item.matrix_world).round(5).tolist()
+        for item in objects
     ]
-    inputs = (
-        sorted((path, repr(value)) for path, value in node_inputs(modifier).items())
-        if modifier.type == "NODES"
-        else []
-    )
-    return (
-        [(name, getattr(modifier, name)) for name in names if name not in PASSING],
-        inputs,
-    )
+    shapes = map(provenance.object_digest, objects)
+    return provenance.text_digest(sorted(zip(shapes, places, strict=True)))
 
 
 def moving_names(objects: Sequence[bpy.types.Object]) -> list[str]:

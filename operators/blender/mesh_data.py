@@ -188,12 +188,6 @@ def world_faces(evaluated: bpy.types.Object) -> tuple[np.ndarray, np.ndarray, np
     return points @ matrix[:3, :3].T + matrix[:3, 3], triangles, slots[faces]
 
 
-def some_vertices(mesh: bpy.types.Mesh, about: int) -> list[tuple[float, float, float]]:
-    """Return the places of some `about` vertices, evenly chosen; of a small mesh all."""
-    count = len(mesh.vertices)
-    return [tuple(mesh.vertices[k].co) for k in range(0, count, max(1, count // about))]
-
-
 def world_polygons(
     evaluated: bpy.types.Object, matrix: np.ndarray
 ) -> tuple[np.ndarray, list[np.ndarray]]:

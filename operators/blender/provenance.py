@@ -19,12 +19,13 @@ from ...crowd_lod.progress import finished
 from . import mesh_data, scene_cache, scene_data
 from .animation import curves_and_drivers, players_of
 from .guard import handler
-from .references import blocks_of
+from .references import blocks_of, closure_of
 from .rig_dependencies import (
     moved_values,
     moves_whole,
     read_columns,
     settings_of,
+    setup_of,
     shape_of,
     stance,
 )
@@ -90,23 +91,36 @@ def character_digest(
     """
 
     def read() -> list:
-        items = sorted(objects, key=_digest_object)
-        movers = [
-            block for block in blocks_of(items, look=False) if isinstance(block, bpy.types.Object)
-        ]
-        order = {
-            mover: f"object {k:04}" for k, mover in enumerate(sorted(movers, key=_digest_object))
-        }
+        items = sorted(objects, key=object_digest)
         palette = palette_of(items)
         materials = [[palette[slot.material] for slot in item.material_slots] for item in items]
-        return [
-            *map(_digest_object, items),
-            materials,
-            stance(*items, called=lambda block: _stand_in(block, order)),
-            actions(),
-        ]
+        return [*map(object_digest, items), materials, character_motion(objects, actions)]
 
-    return _digest_of(objects, read, partial(blocks_of, look=False))
+    return _digest_of("character", objects, read, partial(blocks_of, look=False))
+
+
+def character_motion(
+    objects: Sequence[bpy.types.Object], actions: Callable[[], list] = list
+) -> str:
+    """Return the digest of how a character is set up and moves: rig, pose, modifiers, animation.
+
+    Its own shapes are left out. It is the same in all frames.
+
+    actions: as for character_digest.
+    """
+
+    def read() -> list:
+        movers = closure_of(objects, look=False)
+        shapes = {mover.data for mover in movers}
+
+        def place(mover: bpy.types.Object) -> tuple[str, str]:
+            """Return by what objects are sorted: a shape counts only among those alike."""
+            return object_digest(mover, shapes), object_digest(mover)
+
+        order = {mover: f"object {k:04}" for k, mover in enumerate(sorted(movers, key=place))}
+        return [stance(*objects, called=lambda block: _stand_in(block, order)), actions()]
+
+    return _digest_of("motion", objects, read, partial(blocks_of, look=False))
 
 
 def motion_digest(items: Sequence[bpy.types.Object]) -> str:
@@ -114,22 +128,22 @@ def motion_digest(items: Sequence[bpy.types.Object]) -> str:
 
     It is the same in all frames.
     """
-    called = partial(_stand_in, order={})
     data = [
         # a camera's angles follow its lens, which may be animated
         [
             fact
-            for fact in settings_of(item.data, moved_values(item), (), called)
+            for fact in settings_of(item.data, moved_values(item), (), _nameless)
             if "angle" not in str(fact)
         ]
         for item in items
         if item.data
     ]
-    return text_digest(*(stance(item, called=called) for item in items), data)
+    return text_digest(*(stance(item, called=_nameless) for item in items), data)
 
 
 def level_digest(home: bpy.types.Collection, characters: Sequence[bpy.types.Object]) -> str:
-    """Return the digest of a LOD: shapes, places, modifiers, weights, places of materials.
+    """Return the digest of a LOD: shapes, places, modifiers, weights, places of materials, and
+    what moves its objects themselves.
 
     Materials are told by their number among those of the character.
 
@@ -146,11 +160,13 @@ def level_digest(home: bpy.types.Collection, characters: Sequence[bpy.types.Obje
             numbers = [
                 palette.get(material, material and material.name_full) for material in materials
             ]
-            objects.append((_digest_object(item, shared), numbers))
+            motion = text_digest(setup_of(item, called=_nameless))
+            objects.append((object_digest(item, shared), numbers, motion))
         return sorted(objects, key=repr)
 
     return text_digest(
-        _digest_of([*home.objects], read, list, *map(_uid, palette)), tuple(home.instance_offset)
+        _digest_of("LOD", [*home.objects], read, list, *map(_uid, palette)),
+        tuple(home.instance_offset),
     )
 
 
@@ -176,15 +192,24 @@ def _stand_in(block: bpy.types.ID | None, order: Mapping[bpy.types.ID, str]) -> 
     return order.get(block, "another") if isinstance(block, bpy.types.Object) else block.name_full
 
 
+def _nameless(block: bpy.types.ID | None) -> str:
+    return _stand_in(block, {})
+
+
 def _digest_of(
-    items: Sequence[bpy.types.Object], read: Callable[[], list], follow: Callable, *more
+    kind: str,
+    items: Sequence[bpy.types.Object],
+    read: Callable[[], list],
+    follow: Callable,
+    *more,
 ) -> str:
     """Return the digest of what `read` returns; the known one where nothing has changed.
 
+    kind: of digest, of which the items have several.
     follow: items -> all data-blocks that are read.
     more: what else the digest depends on.
     """
-    key = tuple(item.session_uid for item in items)
+    key = kind, *(item.session_uid for item in items)
     stamp = ([_print(item) for item in items], more)
     latest = _known.get(key)
     if latest is None or latest.print != stamp:
@@ -229,13 +254,17 @@ def _place(item: bpy.types.Object) -> list[float]:
     return np.array([*item.matrix_basis, *item.matrix_parent_inverse]).ravel().tolist()
 
 
-def _digest_object(item: bpy.types.Object, shared: Container[bpy.types.ID] = ()) -> str:
+def object_digest(item: bpy.types.Object, shared: Container[bpy.types.ID] = ()) -> str:
     """Return the digest of the object itself, without its materials and what moves it.
 
     shared: data that does not count.
     """
     data = "" if item.data in shared else read_shape(item)
-    modifiers = [(m.type, m.show_render, m.show_viewport) for m in item.modifiers]
+    moved = moved_values(item)
+    modifiers = [
+        (modifier.show_render, modifier.show_viewport, settings_of(modifier, moved, (), _nameless))
+        for modifier in item.modifiers
+    ]
     groups = [group.name for group in getattr(item, "vertex_groups", ())]
     return text_digest(
         item.type,
@@ -260,7 +289,7 @@ def _inputs(item: bpy.types.Object) -> list[tuple[str, str]]:
         {curve.data_path for curve in curves_and_drivers(item.animation_data)} if values else set()
     )
     texts = {
-        path: _stand_in(value, {}) if isinstance(value, bpy.types.ID) else repr(value)
+        path: _nameless(value) if isinstance(value, bpy.types.ID) else repr(value)
         for path, value in values.items()
     }
     return sorted((path, text) for path, text in texts.items() if path not in moved)
@@ -306,11 +335,7 @@ def _reading_data(data: bpy.types.ID, weighted: bool) -> Generator[float, None, 
         if weighted:
             yield from _add_weights(hashed, data)
     else:
-        hashed.update(
-            repr(
-                [settings_of(data, called=lambda block: _stand_in(block, {})), *shape_of(data)]
-            ).encode()
-        )
+        hashed.update(repr([settings_of(data, called=_nameless), *shape_of(data)]).encode())
     keys = getattr(data, "shape_keys", None)
     for key in keys.key_blocks if keys is not None else ():
         placed = isinstance(data, bpy.types.Mesh | bpy.types.Lattice)

@@ -21,6 +21,15 @@ PAIRS = {
 OF_RENDERS = {render: viewport for viewport, render in PAIRS.items()}
 
 
+def new_stage(name: str) -> bpy.types.Scene:
+    """Return a temporary scene, whose viewport simplifies as renders of the context's scene do."""
+    stage = bpy.data.scenes.new(f".Crowd LOD {name}")
+    render = bpy.context.scene.render
+    stage.render.use_simplify = render.use_simplify
+    stage.render.simplify_subdivision = render.simplify_subdivision_render
+    return stage
+
+
 @contextmanager
 def as_rendered(
     objects: Iterable[bpy.types.Object],
@@ -30,7 +39,7 @@ def as_rendered(
     An object stands for itself if viewport and renders show it alike; else a copy stands for it.
     Scene and copies are removed at the end.
     """
-    stage = bpy.data.scenes.new(".Crowd LOD stage")
+    stage = new_stage("stage")
     temporary = []
     actors = {}
     temporary.append(stage)

@@ -172,11 +172,11 @@ def stance(*items: bpy.types.Object, called: Called = full_name) -> list:
     for mover in sorted(
         (block for block in blocks if isinstance(block, bpy.types.Object)), key=called
     ):
-        facts += _facts_of(mover, mover in items, called)
+        facts += setup_of(mover, mover in items, called)
     return facts
 
 
-def _facts_of(mover: bpy.types.Object, is_own: bool, called: Called) -> list:
+def setup_of(mover: bpy.types.Object, is_own: bool = True, called: Called = full_name) -> list:
     """Return how one object is set up; see stance.
 
     is_own: whether it is one of the items themselves. LODs copy their custom properties; of other

@@ -13,6 +13,7 @@ from ..machine.scene_world import actions_named
 from .characters import GROUP, all_characters
 
 CHARACTER = "the character "  # begins the names of their inputs
+MOTION = "the motion of "  # the same of their motions
 
 
 @hold(lambda _: provenance.changes)
@@ -23,6 +24,22 @@ def cast_inputs(scene: bpy.types.Scene) -> dict[str, str]:
     seen a second later; provenance.look_afresh() sees all.
     """
     return dict(_read_cast(scene))
+
+
+@hold(lambda _: provenance.changes)
+def motions(scene: bpy.types.Scene) -> dict[str, str]:
+    """Return the digest of how each character moves, by names such as "the motion of adult".
+
+    CrowdError if there are no usable characters.
+    """
+    return dict(_read_motions(scene))
+
+
+def reading_motions(scene: bpy.types.Scene) -> Iterator[float]:
+    """Read again how characters move, so that motions tells all changes; yield between them."""
+    provenance.look_afresh()
+    for _ in _read_motions(scene):
+        yield 0.0
 
 
 def reading(scene: bpy.types.Scene) -> Iterator[float]:
@@ -61,6 +78,17 @@ def _actions(scene: bpy.types.Scene, name: str, objects: list[bpy.types.Object])
     return performance.digest(
         named_actions.performance_of(name, objects, actions_named(scene, name)).parts
     )
+
+
+def _read_motions(scene: bpy.types.Scene) -> Iterator[tuple[str, str]]:
+    for character in all_characters(scene):
+        if not character.variant_of:
+            name = character.name
+            read_actions = partial(_actions, scene, name, character.objects)
+            yield (
+                MOTION + name,
+                provenance.character_motion(character.objects, read_actions),
+            )
 
 
 def _read_cast(scene: bpy.types.Scene) -> Iterator[tuple[str, str]]:

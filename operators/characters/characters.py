@@ -1,7 +1,6 @@
 """The character groups of a scene, and the parts that their agents wear."""
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from typing import NamedTuple
 
 import bpy
@@ -18,7 +17,6 @@ from .wardrobe import wardrobe_of
 
 # custom property of a LOD's collection of one character group: the group's name
 GROUP = "crowd_lod_group"
-FINE = 1e-5  # of a chance: Blender keeps float32
 
 
 class Character(NamedTuple):
@@ -197,20 +195,3 @@ def check_measured(cast: Sequence[tuple], groups: Sequence[Group]) -> None:
             "The character groups, their props or slots have changed: press Populate, then Make "
             "LOD Meshes."
         )
-
-
-def props_outdated(scene: bpy.types.Scene) -> Iterator[str]:
-    """Yield a sentence if the props are others, or have other chances, than when the scene was
-    populated.
-    """
-    groups = scene.crowd_lod.groups
-    with suppress(CrowdError):  # Populate tells
-        cast = all_characters(scene) if len(groups) else []
-        now = {character.name: character for character in cast if character.slot}
-        before = {group.name: group for group in groups if group.slot}
-        if now.keys() != before.keys() or any(
-            (part.slot, ", ".join(part.excludes)) != (before[name].slot, before[name].excludes)
-            or abs(part.chance - before[name].chance) > FINE
-            for name, part in now.items()
-        ):
-            yield "The characters' props or slots have changed: press Populate."

@@ -80,19 +80,6 @@ def notes_on_gliding(scene: bpy.types.Scene) -> Iterator[str]:
     yield f"{names} {verb} a rig that plays no action, and would glide in its bind pose: {way}."
 
 
-def action_outdated(scene: bpy.types.Scene) -> list[str]:
-    """Return a sentence if characters that Populate found without an action have one now."""
-    told = scene.crowd_lod.trouble
-    if TAKE_ACTION not in told or gliding(scene):
-        return []
-    still_told = any(
-        rig.animation_data and rig.animation_data.action and _walking(name, rig) in told
-        for name, objects, *_ in all_characters(scene)
-        for rig in armatures_of(objects)[:1]
-    )
-    return [] if still_told else ["The characters have an action now: press Populate."]
-
-
 def _walking(name: str, rig: bpy.types.Object) -> str:
     return f"{name} walks by the action {rig.animation_data.action.name}"
 

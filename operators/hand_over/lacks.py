@@ -6,7 +6,11 @@ import bpy
 
 from ..runs.update_all import due_steps
 
-STEPS = {"Make LOD Meshes": "crowd_lod.make_levels", "Plan Shot": "crowd_lod.plan_shot"}
+STEPS = {
+    "Populate": "crowd_lod.populate",
+    "Make LOD Meshes": "crowd_lod.make_levels",
+    "Plan Shot": "crowd_lod.plan_shot",
+}
 
 
 class Lack(NamedTuple):

@@ -15,19 +15,21 @@ from ..blender import removal, scene_data
 from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED, remove_owned
 from ..blender.removal import blocks_now, made_since
-from ..characters.cast_provenance import cast_inputs, of_characters, reading_afresh
+from ..characters.cast_provenance import reading_afresh
 from ..characters.characters import GROUP, Character, all_characters
 from ..characters.group_measuring import measuring_groups, stands
 from ..characters.stored_groups import store_groups
+from ..freshness.artifacts import note_lods
+from ..freshness.parts import lod_parts
 from ..machine.scene_world import check_maps
 from ..scene.scene_crowd import read_crowd
 from ..settings import needs
 from ..settings.budgets import budget_of, limits_levels
+from ..sources.crowd_parts import measured_parts, note_crowd
 from ..sources.record_points import with_record
 from . import selection
 from .candidates import CANDIDATE, Ladder
 from .level_objects import TINTS
-from .made_for import inputs_of, note_inputs
 from .workload import BEGUN, Workload
 
 
@@ -87,7 +89,8 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
     earlier = None if copied else settings.levels
     before = blocks_now()
     yield from standing(reading_afresh(scene), 0.0)
-    made_for = of_characters(cast_inputs(scene)) | inputs_of(scene)
+    measured = measured_parts(scene)
+    made_for = lod_parts(scene)
     is_done = False
     try:
         work = Workload()
@@ -108,7 +111,8 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
         scene_data.let_go(scene, "levels")
     _show_nowhere(scene, top)
     settings.dropped = "\n".join(_describe_dropped(ladders, choice.dropped))
-    note_inputs(scene, made_for)
+    note_lods(scene, made_for)
+    note_crowd(scene, measured)
     settings.memory_tolerance = choice.tolerance
     settings.memory_made = settings.memory
     settings.estimate = ""

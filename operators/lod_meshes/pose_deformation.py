@@ -8,6 +8,7 @@ import numpy as np
 from ...crowd_lod.simplification import settings
 from ...crowd_lod.simplification.pose_deformation import Skin, frames_of
 from ..blender import removal
+from ..blender.render_evaluation import new_stage
 from .attribute_transfer import set_keys
 from .source_mesh import FOLLOWED, Source, positions
 
@@ -38,7 +39,7 @@ def skin_of(source: Source, frames: Sequence[float]) -> Iterator[None]:
     rest = source.geometry[0].astype(np.float64)
     step = APART * (float(np.ptp(rest, axis=0).max()) or 1.0)
     axes = np.zeros((1, 3)) if source.keys else np.concatenate([np.zeros((1, 3)), np.eye(3)])
-    stage = bpy.data.scenes.new(".Crowd LOD skin")
+    stage = new_stage("skin")
     new_blocks = []
     places = []
     values = []

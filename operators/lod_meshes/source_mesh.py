@@ -17,6 +17,7 @@ from ..blender import mesh_data, removal
 from ..blender.animation import armatures_of, curves_of
 from ..blender.provenance import text_digest
 from ..blender.references import closure_of
+from ..blender.render_evaluation import new_stage
 from ..blender.rig_dependencies import stance
 from .mesh_repair import drop_flat_parts, mend
 
@@ -94,7 +95,7 @@ def _staged(item: bpy.types.Object) -> Iterator[bpy.types.Depsgraph]:
 
     It belongs to a scene of its own, which is removed afterwards.
     """
-    stage = bpy.data.scenes.new(".Crowd LOD source")
+    stage = new_stage("source")
     try:
         stage.collection.objects.link(item)
         stage.view_layers[0].update()

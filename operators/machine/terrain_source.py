@@ -10,7 +10,7 @@ from ...crowd_lod.crowd.terrain import Terrain, upward
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import number
 from ...crowd_lod.sources.trajectory import Trajectory
-from ..blender import kept_meshes, mesh_data, provenance, scene_cache, scene_data
+from ..blender import kept_meshes, mesh_data, scene_cache, scene_data
 from ..blender.ownership import OWNED
 
 # By the session_uid of the stored mesh, the height where there is no ground, and meters per unit.
@@ -70,7 +70,7 @@ def read_terrain(crowd, depsgraph: bpy.types.Depsgraph) -> None:
             f"origin: move or shrink it."
         )
     mesh = mesh_data.new_mesh("Crowd LOD terrain", places, corners.reshape(-1, 3))
-    kept_meshes.keep(crowd, "terrain_mesh", mesh, _made_of(objects))
+    kept_meshes.keep(crowd, "terrain_mesh", mesh)
 
 
 def terrain_of(crowd, z: float) -> Terrain | None:
@@ -98,19 +98,9 @@ def terrain_of(crowd, z: float) -> Terrain | None:
     return _terrains[key]
 
 
-def terrain_outdated(crowd) -> Iterator[str]:
-    """Yield a sentence if the crowd's terrain has changed since Populate read it."""
-    mesh = crowd.terrain_mesh
-    if not has_terrain(crowd):
-        return
-    if mesh is None:
-        yield _unread(crowd)
-    elif not provenance.is_made_of(mesh, kept_meshes.MADE_OF, _made_of(objects_of(crowd))):
-        yield f"The terrain {_name(crowd)} has changed: press Populate."
-
-
-def _made_of(objects: Sequence[bpy.types.Object]) -> dict[str, str]:
-    return {"the terrain": kept_meshes.shape_digest(objects)}
+def terrain_digest(crowd) -> str:
+    """Return a digest of what the crowd's terrain is read from; "" without one."""
+    return kept_meshes.shape_digest(objects_of(crowd)) if has_terrain(crowd) else ""
 
 
 def _unread(crowd) -> str:

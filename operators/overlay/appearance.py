@@ -51,24 +51,6 @@ def style_of(scene, levels: int) -> tuple[Style, tuple[Character, ...], tuple[st
     return points, (), casting.notes or (misfit,)
 
 
-def missing_groups(settings) -> tuple[str, ...]:
-    """Return a sentence on populated groups whose character has gone; () if there is none."""
-    top = settings.characters
-    present = (
-        {*top.objects.keys(), *(child.name for child in top.children if child.all_objects)}
-        if top is not None
-        else set()
-    )
-    missing = [
-        group.name for group in settings.groups if (group.variant_of or group.name) not in present
-    ]
-    if not missing:
-        return ()
-    return (
-        f"No longer among the characters: {', '.join(missing)}. Press Populate in the Crowd panel.",
-    )
-
-
 def cast_of(groups, style: Style, characters: tuple[Character, ...]) -> Cast | None:
     """Return the style's characters or boxes, on the GPU; None for points."""
     if style.mode == "POINTS":

@@ -3,7 +3,6 @@
 They are baked outside drawing, and again when their sources have changed.
 """
 
-import hashlib
 import time as clock
 import traceback
 import zlib
@@ -15,15 +14,14 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.errors import CrowdError
-from ..blender import named_actions, performance, scene_cache
-from ..blender.animation import armatures_of, curves_of, players_of
+from ..blender import scene_cache
 from ..blender.guard import guard
 from ..blender.image_data import LOOK_AGAIN
 from ..blender.material_colors import Looks
-from ..blender.rig_dependencies import KEYS, read_columns
+from ..blender.provenance import text_digest
 from ..blender.steps import at_work
+from ..characters.cast_provenance import cast_inputs
 from ..characters.characters import GROUP
-from ..lod_meshes.cast_digest import cast_digest
 from ..machine.scene_world import actions_named
 from . import redraw
 from .skinned_characters import Character, bake_character
@@ -43,7 +41,7 @@ class Casting:
     notes: sentences for the user.
     """
 
-    key: bytes
+    key: str
     painted: int
     looked: float
     characters: tuple[Character, ...] = ()
@@ -177,71 +175,22 @@ def _homes(scene: int, number: int) -> list[bpy.types.Collection]:
     return [level.children[number] for level in levels.children]
 
 
-def cache_key(scene: bpy.types.Scene) -> tuple[bytes, Looks]:
+def cache_key(scene: bpy.types.Scene) -> tuple[str, Looks]:
     """Return (digest of the characters' sources, looks of their materials).
 
-    The pixels of the looks' images are left out. Weights are slow to read: they count as changed
-    when an object enters or leaves a painting or edit mode.
+    The pixels of the looks' images are left out.
     """
-    digest = hashlib.sha256()
     appearance = Looks()
-    actions_read = set()
-    named_read = set()
-    homes = [home for level in scene.crowd_lod.levels.children for home in level.children]
-    digest.update(cast_digest(item for home in homes for item in home.all_objects).encode())
-    for home in homes:
+    facts: list[object] = sorted(cast_inputs(scene).items())
+    for home in (home for level in scene.crowd_lod.levels.children for home in level.children):
         appearance.ramp = None
-        items = [item for item in home.all_objects if item.type == "MESH"]
-        digest.update(
-            repr((home.session_uid, home.get(GROUP), tuple(home.instance_offset))).encode()
-        )
-        for item in items:
-            materials = [appearance.of(slot.material) for slot in item.material_slots]
-            modifiers = [(m.type, m.show_viewport) for m in item.modifiers]
-            sizes = len(item.data.vertices), len(item.data.polygons)
-            digest.update(
-                repr(
-                    (
-                        item.session_uid,
-                        item.data.session_uid,
-                        item.mode,
-                        sizes,
-                        materials,
-                        modifiers,
-                    )
-                ).encode()
-            )
-            points = np.empty(3 * sizes[0], np.float32)
-            item.data.vertices.foreach_get("co", points)
-            digest.update(points)
-        rigs = armatures_of(items)
-        for player in players_of([*items, *rigs]):
-            action = player.action, player.action_slot_handle
-            if action not in actions_read:
-                actions_read.add(action)
-                digest.update(
-                    repr((action[0].session_uid, action[1], tuple(action[0].frame_range))).encode()
-                )
-                for curve in curves_of(player):
-                    digest.update(b"".join(read_columns(curve.keyframe_points, KEYS)))
-        group = home.get(GROUP, home.name)
-        names = actions_named(scene, group)
-        movers = group, *rigs, *filter(None, (item.data.shape_keys for item in items))
-        if names and movers not in named_read:  # LODs that the same rigs move play the same
-            named_read.add(movers)
-            digest.update(repr(_digest_actions(group, items, names)).encode())
-        digest.update(repr(appearance.ramp).encode())
-    return digest.digest(), appearance
-
-
-def _digest_actions(
-    group: str, items: list[bpy.types.Object], names: tuple[str, ...]
-) -> list | str:
-    """Return a value that changes with the actions `names` of the `group`, or the error's text."""
-    try:
-        return performance.digest(named_actions.performance_of(group, items, names).parts)
-    except CrowdError as error:
-        return str(error)
+        facts.append((home.session_uid, home.get(GROUP)))
+        for item in home.all_objects:
+            if item.type == "MESH":
+                materials = [appearance.of(slot.material) for slot in item.material_slots]
+                facts.append((item.session_uid, item.data.session_uid, item.mode, materials))
+        facts.append(repr(appearance.ramp))
+    return text_digest(facts), appearance
 
 
 def _painted(images: list[bpy.types.Image]) -> int:

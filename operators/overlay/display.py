@@ -19,14 +19,16 @@ from ..blender.cameras import read_cameras
 from ..blender.image_data import LOOK_AGAIN
 from ..blender.scenery import scenery_of
 from ..characters.stored_groups import groups_of
+from ..freshness.artifacts import CROWD, news_of, stale
 from ..machine.scene_world import bias_of
 from ..scene.scene_crowd import SceneCrowd, policy_of, trajectory_of
 from ..scene.scene_occluders import occluders_of
 from ..scene.shot_exceptions import digest_of
 from ..scene.shot_reference import reference, use_of
+from ..sources.crowd_parts import GROUPS
 from ..sources.crowd_sources import inputs_of, live
 from . import agent_colors
-from .appearance import cast_of, colors_of, drawing_of, missing_groups, style_of
+from .appearance import cast_of, colors_of, drawing_of, style_of
 from .draw_data import Style
 from .gpu_batches import Batches, Cast
 from .inset import Above
@@ -108,7 +110,8 @@ def _view_of(context) -> _View:
     if region is None and settings.occlusion:
         occluders, refused = occluders_of(scene, scenery_of(scene, depsgraph), depsgraph, (), None)
     style, characters, notes = style_of(scene, policy.count)
-    notes = missing_groups(settings) or notes  # LODs are made for the names that Populate gives
+    if any(change.part == GROUPS for change in stale(scene, CROWD)):
+        notes = (news_of(scene, CROWD),)  # LODs are made for the names that Populate gives
     inputs = (
         region,
         time,

@@ -4,11 +4,10 @@ Blender redraws a viewport after an edit in its own interface, but not after a s
 a driver or an animation has set a property of ours.
 """
 
-from typing import Any
-
 import bpy
 
 from ..blender import scene_cache
+from ..blender.stored_values import contents_of
 
 # The contents of each scene's settings at the last call of `has_changed`.
 _known: dict[int, str] = scene_cache.add_cache({}, by_scene=True)
@@ -27,25 +26,7 @@ def has_changed(scene: bpy.types.Scene) -> bool:
 
     False at the first call.
     """
-    now = repr(_contents(scene.crowd_lod))  # as text, where NaN equals itself
+    now = repr(contents_of(scene.crowd_lod))  # as text, where NaN equals itself
     before = _known.get(scene.session_uid, now)
     _known[scene.session_uid] = now
     return before != now
-
-
-def _contents(settings: bpy.types.PropertyGroup) -> tuple:
-    """Return the values of all properties, those of collections too, and the lines of texts."""
-    kinds = (
-        (name, kind) for name, kind in settings.bl_rna.properties.items() if name != "rna_type"
-    )
-    return tuple(_value(kind, getattr(settings, name)) for name, kind in kinds)
-
-
-def _value(kind: bpy.types.Property, value: Any) -> Any:
-    if kind.type == "COLLECTION":
-        return tuple(map(_contents, value))
-    if kind.type == "POINTER":
-        return (
-            value.as_string() if isinstance(value, bpy.types.Text) else value and value.session_uid
-        )
-    return tuple(value) if getattr(kind, "is_array", False) else value

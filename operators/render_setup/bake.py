@@ -22,12 +22,12 @@ from ..blender import frame_stepping, mesh_data, removal, scene_data
 from ..blender.ownership import remove_owned
 from ..blender.removal import removed_on_failure
 from ..characters.cast_provenance import reading
+from ..freshness.bake_frames import cameras_digest, lights_digest
 from ..scene import lights
 from ..scene.frame_plan import frame_of
 from ..scene.scene_crowd import SceneCrowd, read_crowd
 from ..sources.record_points import on_record
 from .baked_actions import trim_actions
-from .change_detection import cameras_digest, lights_digest
 from .frame_update import Held, columns_of, held_by, members, opening
 from .group_models import read_library
 from .hidden_characters import HIDDEN, shows_characters

@@ -15,6 +15,8 @@ from ..blender.operator import Reporting, Stepwise
 from ..characters.cast_provenance import reading, reading_afresh
 from ..characters.group_measuring import measuring_groups
 from ..characters.stored_groups import groups_of, store_groups
+from ..freshness.artifacts import note_build
+from ..freshness.parts import build_parts
 from ..lod_meshes.make_lods import make_levels
 from ..scene import lights
 from ..scene.frame_plan import SceneMoment, frame_of
@@ -28,7 +30,6 @@ from .cost_estimate import estimate
 from .frame_update import update
 from .hidden_characters import hide_characters, notes_on_characters
 from .render_setup import build, notes_on_cast, remove_build
-from .staleness import inputs_of, note_build
 from .watched_points import watch_points
 
 
@@ -67,11 +68,12 @@ def prepared(
         with removal.all_or_nothing(), shared_record(scene, frames):
             if lacks_levels:
                 yield from share(make_levels(scene), 0.0, 0.3)
-                crowd = read_crowd(scene)  # its groups have LODs now
             elif not earlier_groups:
                 store_groups(settings, groups)
+            if lacks_levels or not earlier_groups:
+                crowd = read_crowd(scene)  # the groups are others
             yield from standing(reading(scene), 0.3 if lacks_levels else 0.0)
-            made_for = inputs_of(crowd)
+            made_for = build_parts(crowd)
             result = yield from share(work(crowd), 0.3 if lacks_levels else 0.0, 1.0)
             # no more yields: what is half shown could not be put back
             with provenance.unedited():

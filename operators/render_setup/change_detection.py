@@ -5,37 +5,25 @@ from collections.abc import Iterable
 import bpy
 import numpy as np
 
-from ...crowd_lod.culling.camera import Camera
-from ...crowd_lod.frame.planned import numbers_of
-from ...crowd_lod.frame.shadows import Surroundings
-from ..blender import mesh_data
-from ..blender.animation import curves_of, players_of
+from ..blender import mesh_data, scene_data
+from ..blender.animation import curves_and_drivers, curves_of, players_of
 from ..blender.provenance import text_digest
-from ..blender.rig_dependencies import custom_properties, read_columns, stance
-from ..lod_meshes.cast_digest import holds, slots
+from ..blender.rig_dependencies import custom_properties, read_columns
 
 CORNERS = (("co", 2, "f4"),)  # of a curve's keys: the rest is the same in all that rigs play
 
 
-def made_of(homes: Iterable[bpy.types.Collection], played: list) -> str:
-    """Return a hash of the inputs of a build's characters, and of how rigs play.
+def named_by(homes: Iterable[bpy.types.Collection]) -> str:
+    """Return a hash of what a build takes from LODs besides what they are: names, and how shown.
 
-    homes: the collections of the LODs. The mesh data is left out: LODs and build share it.
+    homes: the collections of the LODs.
     """
     items = {item: None for home in homes for item in home.objects}
-    materials = [
-        [
-            *map(repr, (getattr(item, name) for name in mesh_data.SHOWN)),
-            slots(item),
-            _properties(item),
-        ]
-        for item in items
-    ]
     places = [
         (home.name, tuple(home.instance_offset), [item.name for item in home.objects])
         for home in homes
     ]
-    return text_digest(places, played, materials, [holds(item) for item in items], stance(*items))
+    return text_digest(places, [(_shown(item), _holds(item)) for item in items])
 
 
 def shown_by(top: bpy.types.Collection) -> str:
@@ -64,46 +52,48 @@ def shown_by(top: bpy.types.Collection) -> str:
         for item in items
         if item.animation_data
     ]
-    materials = [
-        [
-            *map(repr, (getattr(item, name) for name in mesh_data.SHOWN)),
-            slots(item),
-            _properties(item),
-        ]
-        for item in items
-    ]
-    return text_digest(inside, keys, strips, materials, [holds(item) for item in items])
+    return text_digest(inside, keys, strips, [(_shown(item), _holds(item)) for item in items])
 
 
-def _properties(item: bpy.types.Object) -> list:
+def _shown(item: bpy.types.Object) -> list:
+    """Return how renders show the object: flags, materials, its own properties, its lights."""
+    linking = item.light_linking
     linked = [
         home and home.name_full
-        for home in (item.light_linking.receiver_collection, item.light_linking.blocker_collection)
+        for home in (linking.receiver_collection, linking.blocker_collection)
     ]
-    return [*custom_properties(item), item.lightgroup, linked]
+    slots = [(slot.link, slot.material and slot.material.name_full) for slot in item.material_slots]
+    flags = [repr(getattr(item, name)) for name in mesh_data.SHOWN]
+    return [*flags, slots, *custom_properties(item), item.lightgroup, linked]
 
 
-def cameras_digest(cameras: Iterable[Camera]) -> str:
-    """Return a hash of a frame's cameras."""
-    return text_digest(numbers_of(tuple(cameras)).round(5).tolist())[:8]
-
-
-def lights_digest(around: Surroundings) -> str:
-    """Return a hash of a frame's lights and mirrors, in any order.
-
-    How far an engine lets a light reach is left out: a proof in Cycles is of builds for all
-    engines.
-    """
-    lamps = [
-        (
-            *(light.direction),
-            light.size,
-            light.angle,
-            *(() if light.origin is None else light.origin),
-        )
-        for light in around.lights
+def _holds(item: bpy.types.Object) -> tuple:
+    """Return the object's data, what moves it, and where it stands, by name."""
+    modifiers = [
+        (m.name, m.type, m.show_render, m.show_viewport, getattr(m, "object", None))
+        for m in item.modifiers
     ]
-    panes = [(*mirror.normal, *mirror.corners.ravel()) for mirror in around.mirrors]
-    return text_digest(
-        *(sorted(np.round(each, 4).tolist() for each in kind) for kind in (lamps, panes))
-    )[:8]
+    modifier_names = [(*each, other and other.name) for *each, other in modifiers]
+    sizes = (len(item.data.vertices), len(item.data.loops)) if item.type == "MESH" else ()
+    return (
+        item.name,
+        item.data and item.data.name_full,
+        sizes,
+        item.parent and item.parent.name,
+        item.parent_bone,
+        np.array([*item.matrix_basis, *item.matrix_parent_inverse]).tolist(),
+        modifier_names,
+        _node_inputs(item),
+    )
+
+
+def _node_inputs(item: bpy.types.Object) -> list[tuple[str, str]]:
+    """Return (RNA path, value as text) of each input of Nodes modifiers that nothing animates."""
+    inputs = {
+        modifier.path_from_id() + path: value
+        for modifier in item.modifiers
+        if modifier.type == "NODES"
+        for path, value in scene_data.node_inputs(modifier).items()
+    }
+    animated = {curve.data_path for curve in curves_and_drivers(item.animation_data)}
+    return sorted((path, repr(value)) for path, value in inputs.items() if path not in animated)

@@ -1,13 +1,8 @@
 """What a build's rigs play: by this it is told whether they still play as the crowd's agents do."""
 
-from collections.abc import Generator, Sequence
-
-import bpy
 import numpy as np
 
 from ...crowd_lod.sources.trajectory import Trajectory
-from ..blender import named_actions, performance
-from ..characters.characters import GROUP
 
 
 def numbers(trajectory: Trajectory) -> list[float]:
@@ -28,25 +23,3 @@ def actions(trajectory: Trajectory) -> str:
         if any(names)
         else ""
     )
-
-
-def inputs(
-    homes: Sequence[bpy.types.Collection], trajectory: Trajectory
-) -> Generator[float, None, list]:
-    """Read all that rigs play: how, and the actions that states name.
-
-    Yields between the LODs, and returns it to compare as text.
-
-    homes: the collections of the LODs.
-    """
-    if not any(trajectory.gaits.actions):
-        return numbers(trajectory)
-    groups = {group.name: group for group in trajectory.groups}
-    digests = []
-    for home in homes:
-        name = home.get(GROUP, home.name)
-        if name in groups:
-            act = named_actions.group_performance(groups[name], list(home.objects))
-            digests.append(performance.digest(act.parts))
-            yield 0.0
-    return [*numbers(trajectory), actions(trajectory), *digests]

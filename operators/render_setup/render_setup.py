@@ -17,13 +17,14 @@ from ...crowd_lod.progress import share, standing
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import provenance, removal, scene_data, stored_values
 from ..blender.ownership import OWNED, remove_owned
-from ..characters.cast_provenance import reading
+from ..characters.cast_provenance import cast_inputs, reading
 from ..characters.stored_groups import groups_of
-from ..lod_meshes.made_for import to_make_again
+from ..freshness.artifacts import to_make_again
+from ..freshness.bake_frames import BAKED, CAMERAS, LIGHTS
 from ..lod_meshes.make_lods import TINTS
 from ..scene.scene_crowd import SceneCrowd, home_of
 from . import played_by
-from .change_detection import made_of, shown_by
+from .change_detection import named_by, shown_by
 from .character_images import IMAGE_BYTES, describe_images, image_bytes, images_of
 from .hidden_characters import unhide_characters
 from .nodes import baked, instances, trees
@@ -41,9 +42,6 @@ PLAYED = "crowd_lod_played"  # see played_by.numbers
 ACTIONS = "crowd_lod_actions"  # see played_by.actions
 MADE_OF = "crowd_lod_made_of"  # see _inputs_of_characters
 NOTES = "crowd_lod_notes"  # sentences on what the build does not show
-BAKED = "crowd_lod_baked"  # Rate and Opens (see nodes/baked.py), first and last frame
-CAMERAS = "crowd_lod_cameras"  # of a bake: a digest of each frame's cameras
-LIGHTS = "crowd_lod_lights"  # of a bake: a digest of each frame's lights
 
 UNSEEN_BY = {"LOD": (), "Shadow": ("camera",), "Mirror": ("camera",)}  # kinds of buckets
 
@@ -150,7 +148,7 @@ def build(crowd: SceneCrowd, selection: Selection | None = None) -> Generator[fl
     if complete:
         yield from standing(reading(scene), 0.0)
         of_plan = yield from share(meshes_of_plan(crowd), 0.0, 0.2)
-        inputs = yield from standing(_inputs_of_characters(crowd, of_plan), 0.2)
+        inputs = _inputs_of_characters(crowd, of_plan)
         cast = _current_cast(scene, inputs)
     if cast is None:
         cast = yield from share(make_cast(crowd, selection, of_plan=of_plan), 0.2, 1.0)
@@ -185,22 +183,17 @@ def _current_cast(scene: bpy.types.Scene, inputs: dict[str, str]) -> Cast | None
     return Cast(np.array(top[POSED], np.intp), [], notes=str(top.get(NOTES, "")).splitlines())
 
 
-def _inputs_of_characters(
-    crowd: SceneCrowd, of_plan: np.ndarray | None
-) -> Generator[float, None, dict[str, str]]:
-    """Read all that the characters of a build depend on, but for what it shows.
+def _inputs_of_characters(crowd: SceneCrowd, of_plan: np.ndarray | None) -> dict[str, str]:
+    """Return digests of all that the characters of a build depend on, but for what it shows.
 
     of_plan: what meshes_of_plan returns.
-
-    Yields between steps, and returns digests by name.
     """
     levels = crowd.settings.levels.children[: crowd.policy.count]
     homes = [home for level in levels for home in level.children]
-    played = yield from played_by.inputs(homes, crowd.trajectory)
-    made_of_levels = made_of(homes, played)
-    yield 0.0
-    return {
-        "the LOD meshes": made_of_levels,
+    played = played_by.numbers(crowd.trajectory), played_by.actions(crowd.trajectory)
+    return cast_inputs(crowd.scene) | {
+        "the LOD meshes": named_by(homes),
+        "the actions": provenance.text_digest(played),
         "the shot plan": "" if of_plan is None else provenance.text_digest(of_plan.tolist()),
         "the settings": provenance.text_digest(crowd.policy.finest),
     }

@@ -32,8 +32,8 @@ from ..blender.output_folders import output_folder, place_of
 from ..characters.cast_provenance import reading
 from ..characters.group_measuring import measuring_groups
 from ..characters.stored_groups import groups_of, store_groups
+from ..freshness.artifacts import to_make_again
 from ..lod_meshes.deviation import measure_levels
-from ..lod_meshes.made_for import to_make_again
 from ..lod_meshes.make_lods import make_levels
 from ..overlay.agent_colors import by_level
 from ..overlay.appearance import colors_of

@@ -1,38 +1,43 @@
-"""Update All: Make, Plan, Build or Bake, each where what it rests on has changed.
+"""Update All: Populate, Make, Plan, Build or Bake, each where what it rests on has changed.
 
 docs/notes/files.md says what each step rests on, and what a cancel leaves.
 """
 
-import json
 from collections.abc import Callable, Generator
-from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial
-from typing import Any
 
 import bpy
 
 from ...crowd_lod.errors import FAULTS, CrowdError
 from ...crowd_lod.errors import sentence as fault_sentence
-from ...crowd_lod.progress import finished, share, standing
-from ..blender import provenance, scene_data
+from ...crowd_lod.progress import share, standing
+from ..blender import scene_data
 from ..blender.operator import Stepwise
-from ..blender.output_folders import full_path
-from ..blender.sidebar_answers import hold, keep_at_work
+from ..blender.provenance import name_inputs
 from ..characters.cast_provenance import reading_afresh
-from ..lod_meshes.made_for import outdated
+from ..freshness.artifacts import (
+    BAKE,
+    BUILD,
+    CROWD,
+    LODS,
+    PLAN,
+    Artifact,
+    look_again,
+    reason_of,
+    reasons,
+)
+from ..freshness.bake_frames import is_bake
 from ..lod_meshes.make_lods import make_levels
-from ..render_setup import staleness
 from ..render_setup.buttons import bake_frames, build_live
-from ..render_setup.render_setup import BAKED
+from ..scene.populate import populate_scene
 from ..scene.scene_crowd import read_crowd
-from ..scene.shot_reference import CAMERA, changes_since_plan, reference, stored_plan
+from ..scene.shot_reference import changes_since_plan
 from ..settings import needs
-from ..shot.planned_cameras import note_cameras, plans_these_cameras
-from ..shot.shot_plan import plan_of_settings, requested_of, wanted_of
-from ..sources.crowd_sources import live
+from ..shot.shot_plan import plan_of_settings
+from ..sources.crowd_sources import depsgraph_of
 
 # About how many seconds each step takes, for the progress.
+MEASURED = 1.0  # a character
 SEARCHED = 10.0  # the LODs of a character by tolerance
 MADE = 3.0  # by distance
 REPORTED = 1.5  # a plan's report and files
@@ -40,28 +45,35 @@ PLANNED = 3.5e-7  # an agent in a frame
 BUILT = 2.0
 BAKED_FRAME = 0.03
 
-# what plan.json has of a plan's settings, in words
-REQUESTED = {
-    "avoid_pops": "Extra Cost for Fewer Pops",
-    "budget": "the budget",
-}
-
 
 @dataclass(frozen=True)
 class UpdateStep:
     """A step of Update All.
 
-    label: as on its button.
+    artifact: what it makes.
     seconds: that it takes, about.
-    find_reason: yields the progress, returns why the step is due, "" if it is not. Its second
-        argument says whether all frames are looked at, which steps through the scene.
     work: yields the progress, returns a sentence.
     """
 
-    label: str
+    artifact: Artifact
     seconds: float
-    find_reason: Callable[[bpy.types.Scene, bool], Generator[float, None, str]]
     work: Callable[[bpy.types.Scene], Generator[float, None, str]]
+
+    @property
+    def label(self) -> str:
+        return self.artifact.label
+
+
+def _populate(scene: bpy.types.Scene) -> Generator[float, None, str]:
+    before = [group.name for group in scene.crowd_lod.groups]
+    depsgraph = depsgraph_of(scene)
+    depsgraph.update()
+    said, warnings = yield from populate_scene(scene, depsgraph)
+    now = [group.name for group in scene.crowd_lod.groups]
+    others = (
+        [] if now == before else [f"The groups were {', '.join(before)}: {', '.join(now)} now."]
+    )
+    return " ".join([said, *others, *warnings])
 
 
 def _make(scene: bpy.types.Scene) -> Generator[float, None, str]:
@@ -69,65 +81,18 @@ def _make(scene: bpy.types.Scene) -> Generator[float, None, str]:
     return outcome.sentence
 
 
-def _reason_to_make(scene: bpy.types.Scene, thorough: bool) -> Generator[float, None, str]:
-    yield 0.0
-    if scene.crowd_lod.levels is None:
-        return "there are no LOD meshes"
-    return outdated(scene)
+def _reason(scene: bpy.types.Scene, step: UpdateStep, bakes: bool) -> Generator[float, None, str]:
+    """Find why the step is due: yield the progress, return it, "" if it is not.
 
-
-def _reason_to_plan(scene: bpy.types.Scene, thorough: bool) -> Generator[float, None, str]:
-    settings = scene.crowd_lod
-    if not settings.shot_plan:
-        # A build without a plan is one by distance, which the user chose.
-        by_distance = settings.build is not None or live(settings)
-        return "" if by_distance else "there is no plan"
-    if not settings.use_shot_plan or settings.levels is None:
-        return ""
-    try:
-        changes = yield from _changes_of_plan(scene, thorough)
-    except CrowdError as error:  # the file is gone, or spoilt
-        return str(error)
-    return f"{provenance.name_inputs(changes)} changed" if changes else ""
-
-
-def _changes_of_plan(scene: bpy.types.Scene, thorough: bool) -> Generator[float, None, list[str]]:
-    """Find what has changed since the scene's plan was made; CrowdError if it cannot be read.
-
-    Yields the progress and returns the names.
+    Of a plan all frames are looked at, which steps through the scene.
     """
-    settings = scene.crowd_lod
-    stored = stored_plan(settings)
-    changes = yield from changes_since_plan(read_crowd(scene), films=thorough)
-    if not thorough and not plans_these_cameras(scene):
-        changes.append(CAMERA)
-    if stored.numbers.tolist() != list(scene_data.frames_of(scene)):
-        changes.append("the frames")
-    now = requested_of(wanted_of(scene, stored.path.parent, stored.numbers))
-    before = _requested_before(settings)
-    changes += [words for name, words in REQUESTED.items() if before.get(name) != now[name]]
-    return list(dict.fromkeys(changes))
-
-
-def _requested_before(settings) -> dict[str, Any]:
-    """Return the settings that the scene's plan was asked for; those of now without plan.json."""
-    path = full_path(settings.shot_plan).with_name("plan.json")
-    with suppress(OSError, ValueError, LookupError, TypeError):
-        return dict(json.loads(path.read_text(encoding="utf-8"))["shot"]["asked"])
-    return requested_of(wanted_of(settings.id_data, path.parent, ()))
-
-
-def _reason_to_build(scene: bpy.types.Scene, thorough: bool) -> Generator[float, None, str]:
-    yield 0.0
-    if scene.crowd_lod.build is None:
-        return "there is no build"
-    changes = staleness.compare(scene)
-    return f"{provenance.name_inputs(changes)} changed" if changes else ""
-
-
-def _is_bake(scene: bpy.types.Scene) -> bool:
-    build = scene.crowd_lod.build
-    return build is not None and BAKED in build
+    if bakes and step.artifact is BAKE and not is_bake(scene.crowd_lod.build):
+        return "there is no bake"
+    reason = reason_of(scene, step.artifact)
+    if step.artifact is not PLAN or reason or not scene.crowd_lod.use_shot_plan:
+        return reason
+    changes = yield from changes_since_plan(read_crowd(scene))
+    return f"{name_inputs(changes)} changed" if changes else ""
 
 
 def update_steps(scene: bpy.types.Scene, bakes: bool = False) -> tuple[UpdateStep, ...]:
@@ -140,48 +105,28 @@ def update_steps(scene: bpy.types.Scene, bakes: bool = False) -> tuple[UpdateSte
     make = SEARCHED if settings.choice == "BY_TOLERANCE" else MADE
     bake = BUILT + BAKED_FRAME * frames
     last = (
-        UpdateStep("Bake", bake, partial(_reason_to_bake, bakes), bake_frames)
-        if bakes or _is_bake(scene)
-        else UpdateStep("Build", BUILT, _reason_to_build, build_live)
+        UpdateStep(BAKE, bake, bake_frames)
+        if bakes or is_bake(settings.build)
+        else UpdateStep(BUILD, BUILT, build_live)
     )
     plan = REPORTED + PLANNED * frames * settings.count
+    groups = len(settings.groups)
     return (
-        UpdateStep("Make LOD Meshes", make * len(settings.groups), _reason_to_make, _make),
-        UpdateStep("Plan Shot", plan, _reason_to_plan, plan_of_settings),
+        UpdateStep(CROWD, MEASURED * groups, _populate),
+        UpdateStep(LODS, make * groups, _make),
+        UpdateStep(PLAN, plan, plan_of_settings),
         last,
     )
 
 
-def _reason_to_bake(
-    bakes: bool, scene: bpy.types.Scene, thorough: bool
-) -> Generator[float, None, str]:
-    if bakes and not _is_bake(scene):
-        return "there is no bake"
-    return (yield from _reason_to_build(scene, thorough))
-
-
-@keep_at_work
 def due_steps(scene: bpy.types.Scene) -> dict[str, str]:
     """Return why each step is due, by its label, as far as the sidebar can tell.
 
-    A step that rests on a due one may become due by it. look_again() drops the answer.
+    A step that rests on a due one may become due by it.
     """
-    return _due(scene)
-
-
-@hold(lambda scene: (provenance.changes, reference(scene.crowd_lod)))
-def _due(scene: bpy.types.Scene) -> dict[str, str]:
-    due = {}
-    for step in update_steps(scene):
-        with suppress(CrowdError):  # what is wrong is told elsewhere
-            if reason := finished(step.find_reason(scene, False)):
-                due[step.label] = reason
-    return due
-
-
-def look_again(scene: bpy.types.Scene) -> None:
-    """Let the sidebar look again at once."""
-    _due.drop(scene)
+    known = reasons(scene)
+    due = {step.label: known.get(step.artifact.operator, "") for step in update_steps(scene)}
+    return {label: reason for label, reason in due.items() if reason}
 
 
 def update_all(
@@ -201,7 +146,7 @@ def update_all(
     begin = 0.0
     sentences: dict[str, str] = {}
     for k, step in enumerate(steps):
-        if (yield from standing(step.find_reason(scene, True), begin)):
+        if (yield from standing(_reason(scene, step, bakes), begin)):
             if sentences:
                 note(next(reversed(sentences)))
             left = sum(later.seconds for later in steps[k:])
@@ -212,8 +157,6 @@ def update_all(
                 raise CrowdError(_failed(step.label, sentences, fault)) from fault
             yield from standing(reading_afresh(scene), end)
             begin = end
-    if scene.crowd_lod.shot_plan:
-        note_cameras(scene)
     look_again(scene)
     return sentences
 
@@ -234,7 +177,7 @@ def update_sentence(scene: bpy.types.Scene, sentences: dict[str, str]) -> str:
 
 
 class CROWDLOD_OT_update_all(Stepwise, bpy.types.Operator):
-    """Make LOD meshes, plan the shot, build or bake: what has changed, and nothing else"""
+    """Populate, make LOD meshes, plan the shot, build or bake: what has changed, and nothing else"""
 
     bl_idname = "crowd_lod.update_all"
     bl_label = "Update All"

@@ -13,9 +13,17 @@ from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import mesh_data
 from ..blender.provenance import read_inputs
 from ..characters.cast_provenance import reading_afresh
-from ..render_setup import bake, frame_update, render_setup, staleness
-from ..render_setup.change_detection import cameras_digest, lights_digest
-from ..render_setup.render_setup import BAKED, CAMERAS, LIGHTS, UNSEEN_BY
+from ..freshness import artifacts
+from ..freshness.bake_frames import (
+    BAKED,
+    CAMERAS,
+    cameras_digest,
+    differing_in_frame,
+    lights_digest,
+)
+from ..freshness.parts import RANGE
+from ..render_setup import bake, frame_update, render_setup
+from ..render_setup.render_setup import UNSEEN_BY
 from ..render_setup.view_layers import layers_of
 from ..scene.frame_plan import SceneMoment
 
@@ -23,7 +31,6 @@ from ..scene.frame_plan import SceneMoment
 MADE = "made for this proof"
 LIVE = "build"
 BAKE = "bake"
-FRAMES = "the frame range"  # of what may change without another picture of a baked frame
 
 Columns = Mapping[str, np.ndarray]
 
@@ -76,15 +83,8 @@ class ProvedBuild:
         """
         if self.kind != BAKE:
             return []
-        now = {
-            CAMERAS: ("the camera", cameras_digest(moment.eyes)),
-            LIGHTS: ("the lights", lights_digest(moment.around)),
-        }
-        return [
-            name
-            for key, (name, digest) in now.items()
-            if read_inputs(self.top, key).get(str(number), digest) != digest
-        ]
+        cameras = cameras_digest(moment.eyes)
+        return differing_in_frame(self.top, number, cameras, lights_digest(moment.around))
 
 
 def columns_of_members(
@@ -125,7 +125,8 @@ def build_of(scene: bpy.types.Scene, frames: Sequence[int]) -> Generator[float, 
         frame_update.update(scene, scene.view_layers[0].depsgraph)
     scene.view_layers[0].update()
     yield from reading_afresh(scene)
-    changed = tuple(name for name in staleness.compare(scene) if name != FRAMES)
+    changes = artifacts.changes_of(scene, artifacts.build_of(scene))
+    changed = tuple(change.part for change in changes if change.part != RANGE)
     places = layers_of(scene).values()
     hidden = top.hide_render or all(place.exclude for place in places)
     return ProvedBuild(top, BAKE if BAKED in top else LIVE, changed, hidden)

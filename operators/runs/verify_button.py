@@ -8,32 +8,16 @@ import bpy
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame_range import spread_evenly
 from ...crowd_lod.validation.render_proof import verdict, worst_agents
-from ..blender import scene_cache, scene_data
+from ..blender import scene_data
 from ..blender.operator import Reporting, Stepwise
 from ..blender.output_folders import output_folder, place_of
+from ..freshness.artifacts import Proof, note_proof, proof_parts
 from ..overlay.viewport_image import show_image
-from ..render_setup.staleness import MADE_FOR
 from ..settings import needs
 from .verify import Verify, verify
 from .verify_build import frames_to_verify
 
 PROOF = "Crowd LOD Proof"
-# What the last proof of each scene found, and of which build.
-_verdicts: dict[int, tuple[str, object]] = scene_cache.add_cache({}, by_scene=True)
-
-
-def verdict_of(scene: bpy.types.Scene) -> str:
-    """Return what the last proof of the scene found; "" if there is none, or the build is another
-    one now.
-    """
-    said, build = _verdicts.get(scene.session_uid, ("", None))
-    return said if build == _build_of(scene) else ""
-
-
-def _build_of(scene: bpy.types.Scene) -> object:
-    """Return what tells the scene's build from earlier ones."""
-    build = scene.crowd_lod.build
-    return build and build.get(MADE_FOR)
 
 
 def _show_agents(path: Path) -> None:
@@ -66,14 +50,13 @@ class CROWDLOD_OT_verify(Stepwise, bpy.types.Operator):
             frames=spread_evenly(frames, settings.verify_count),
             folder=output_folder(scene, "verify"),
         )
-        build = _build_of(scene)
+        made_of = proof_parts(scene)
         result = yield from verify(scene, task, ["sidebar"])
         if result["agents"]:
             worst = result["agents"][worst_agents(result["agents"])[0]]
             _show_agents(task.folder / f"frame_{worst['frame']:04d}_agents.png")
         sentence = f"{verdict(result)} The report is in {place_of(task.folder)}."
-        scene_cache.tidy()
-        _verdicts[scene.session_uid] = sentence, build
+        note_proof(scene, Proof(sentence, result["ok"], made_of))
         if not result["ok"]:
             raise CrowdError(sentence)  # the report stays
         return sentence

@@ -73,7 +73,7 @@ def set_up_cycles(scene: bpy.types.Scene, task: Verify) -> tuple[int, int]:
     render.image_settings.views_format = "INDIVIDUAL"
     render.engine = "CYCLES"
     cycles.device = "CPU"
-    render.use_stamp = render.use_persistent_data = render.use_simplify = False
+    render.use_stamp = render.use_persistent_data = False
     cycles.samples = task.samples
     cycles.seed = 0
     cycles.use_animated_seed = False

@@ -7,11 +7,12 @@ import bpy
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.crowd.wardrobe import count_people
 from ...crowd_lod.format import counted
-from ...crowd_lod.progress import aside
+from ...crowd_lod.progress import aside, standing
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import kept_meshes, scene_data
 from ..blender.operator import Stepwise
 from ..characters.action_troubles import notes_on_actions
+from ..characters.cast_provenance import reading_motions
 from ..characters.characters import notes_on_left_out, notes_on_unsaved
 from ..characters.glow import notes_on_glow
 from ..characters.group_measuring import measuring_groups
@@ -23,6 +24,7 @@ from ..machine.scene_world import check_maps
 from ..settings import needs
 from ..settings.lengths import set_lengths
 from ..sources import crowd_sources
+from ..sources.crowd_parts import crowd_parts, note_crowd
 from .plausible import notes_on_extent, notes_on_feet, notes_on_plausibility
 from .scene_crowd import place_levels
 from .stuck_agents import find
@@ -38,6 +40,8 @@ def populate_scene(
     """
     settings = scene.crowd_lod
     crowds = crowd_sources.crowds_of(settings)
+    yield from standing(reading_motions(scene), 0.0)
+    made_of = crowd_parts(scene)
     set_lengths(scene)
     for crowd in crowds:
         map_areas.make(crowd, depsgraph)
@@ -50,6 +54,7 @@ def populate_scene(
         warnings = [troubles.sentence] if troubles.troubles else []
         warnings += _warnings(scene, groups, crowds, trajectory, depsgraph)
     store_groups(settings, groups)
+    note_crowd(scene, made_of)
     place_levels(scene)
     notes = [] if troubles.troubles else [troubles.sentence]
     settings.trouble = "\n".join(filter(None, (*warnings, *notes)))

@@ -38,6 +38,8 @@ _crowds: WeakKeyDictionary[Trajectory, dict[str, str]] = WeakKeyDictionary()
 CAMERA = "the camera"
 MESHES = "the LOD meshes"
 OVERRIDES = "the overrides"
+# what is asked of a plan: a frame may use it although these differ
+ASKED = CAMERA, "the frames", "Extra Cost for Fewer Pops", "the budget"
 ABOUT = "version", "blend_file", "made_for"  # arrays of a plan's file that say nothing of its LODs
 
 
@@ -154,7 +156,7 @@ def _row(crowd: SceneCrowd, time: float, eyes: Sequence[Camera]) -> tuple[np.nda
                 None,
                 f"The shot plan covers {shot_frames(stored.numbers)}: here thresholds hold.",
             )
-        changed = differences(stored.made_for, plan_inputs(crowd))
+        changed = differences(_followed(stored), plan_inputs(crowd))
         exact = abs(stored.times[f] - time) < 1e-6
         if not changed and exact and not same_cameras(stored.cameras[f], numbers_of(eyes)):
             changed = [CAMERA]
@@ -187,24 +189,26 @@ def notes_on_file(settings) -> str:
     return ""
 
 
-def changes_since_plan(crowd: SceneCrowd, films: bool = True) -> Generator[float, None, list[str]]:
-    """Find what has changed since the plan of the crowd's scene was made.
+def changes_since_plan(crowd: SceneCrowd) -> Generator[float, None, list[str]]:
+    """Find what has changed since the plan of the crowd's scene was made: all frames are stepped.
 
-    Yields the progress and returns the names of what has; none without a plan.
-
-    films: whether the cameras of all its frames are compared, for which the scene is stepped.
-    CrowdError if the plan cannot be read.
+    Yields the progress and returns the names of what has; none without a plan. CrowdError if the
+    plan cannot be read.
     """
     stored = stored_plan(crowd.settings)
     if stored is None:
         return []
-    changes = differences(stored.made_for, plan_inputs(crowd))
-    if films:
-        views = yield from reading_cameras(crowd.scene, stored.times.tolist())
-        pairs = zip(stored.cameras, views, strict=True)
-        if not all(same_cameras(planned, numbers_of(eyes)) for planned, eyes in pairs):
-            changes.append(CAMERA)
+    changes = differences(_followed(stored), plan_inputs(crowd))
+    views = yield from reading_cameras(crowd.scene, stored.times.tolist())
+    pairs = zip(stored.cameras, views, strict=True)
+    if not all(same_cameras(planned, numbers_of(eyes)) for planned, eyes in pairs):
+        changes.append(CAMERA)
     return changes
+
+
+def _followed(stored: StoredPlan) -> dict[str, str]:
+    """Return the parts that the plan follows from, without what was asked of it."""
+    return {name: part for name, part in stored.made_for.items() if name not in ASKED}
 
 
 def notes_on_shot(crowd: SceneCrowd) -> Generator[float, None, str]:

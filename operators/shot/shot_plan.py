@@ -39,6 +39,7 @@ from ..characters import cast_provenance
 from ..characters.group_measuring import measuring_groups
 from ..characters.holdings import holdings_of
 from ..characters.stored_groups import groups_of, store_groups
+from ..freshness.parts import request_parts
 from ..lod_meshes.deviation import measure_levels
 from ..lod_meshes.level_objects import TINTS
 from ..lod_meshes.make_lods import make_levels
@@ -49,7 +50,6 @@ from ..scene.shot_exceptions import exemptions_of
 from ..settings import needs
 from ..settings.budgets import budget_of, possible_budgets
 from ..sources.crowd_sources import check_recorded
-from .planned_cameras import note_cameras
 from .scene_json import scene_json
 from .shot_survey import SurveyedShot, survey_of
 
@@ -118,6 +118,7 @@ def _plan_ready(crowd: SceneCrowd, request: PlanRequest) -> Generator[float, Non
     exemptions = exemptions_of(crowd, request.frames)
     yield from standing(cast_provenance.reading(crowd.scene), 0.0)
     made_for = shot_reference.plan_inputs(crowd)
+    made_for |= request_parts(crowd.scene, request.frames, request.avoid, request.budget)
     through = yield from share(survey_of(crowd, request.frames), 0.0, surveyed)
     coloring = plan_phases(
         through.survey,
@@ -338,7 +339,6 @@ def plan_of_settings(scene: bpy.types.Scene) -> Generator[float, None, str]:
         yield from share(write_plan(part, planned, ["sidebar"]), PLANNED, 1.0)
     settings.shot_plan = f"{place}/{plan_file.NAME}"
     settings.use_shot_plan = True
-    note_cameras(scene)
     return f"{sentence(planned)} The plan is in {place_of(folder)}."
 
 

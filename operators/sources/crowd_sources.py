@@ -23,9 +23,6 @@ from ...crowd_lod.sources.several import Several
 from ...crowd_lod.sources.trajectory import Trajectory
 from ...crowd_lod.tracks.cast import groups_of_agents
 from ..blender import image_data, scene_cache, scene_data, stored_values
-from ..blender.sidebar_answers import hold
-from ..characters.characters import props_outdated
-from ..characters.take_action import action_outdated
 from ..machine import terrain_source
 from ..machine.scene_world import area_of, heights_of, machine_of, names_in, world_of
 from . import hand_edits, start_source, tracks_source
@@ -40,8 +37,6 @@ _latest: dict[int, dict[int, tuple]] = scene_cache.add_cache({}, by_scene=True)
 _together: dict[int, tuple[tuple, Trajectory]] = scene_cache.add_cache({}, by_scene=True)
 # By scene: the agents that were dressed last, and they with what they wear.
 _worn: dict[int, tuple[Trajectory, Trajectory]] = scene_cache.add_cache({}, by_scene=True)
-
-QUESTIONS = start_source.places_outdated, terrain_source.terrain_outdated
 
 
 def crowds_of(settings) -> list[bpy.types.PropertyGroup]:
@@ -136,20 +131,6 @@ def notes(crowds: Sequence, trajectory: Trajectory) -> Iterator[str]:
                 )
 
 
-@hold(inputs_of)
-def outdated(scene: bpy.types.Scene) -> list[str]:
-    """Return sentences on what has changed since Populate: places, terrain, props, actions.
-
-    None before the first Populate.
-    """
-    if not len(scene.crowd_lod.groups):
-        return []
-    sentences = [
-        note for crowd in crowds_of(scene.crowd_lod) for ask in QUESTIONS for note in ask(crowd)
-    ]
-    return [*sentences, *props_outdated(scene), *action_outdated(scene)]
-
-
 def _images(crowd) -> tuple:
     return crowd.map_image, crowd.height_image, crowd.areas_image if len(crowd.areas) else None
 
@@ -208,7 +189,6 @@ def populate_crowds(
 
     Without ids this number may not change.
     """
-    outdated.drop(scene)
     live_crowds = [
         (k, crowd) for k, crowd in enumerate(crowds_of(scene.crowd_lod)) if is_live(crowd)
     ]

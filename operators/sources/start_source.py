@@ -57,7 +57,7 @@ def read_places(crowd, forward: str, depsgraph: bpy.types.Depsgraph) -> None:
     mesh = bpy.data.meshes.new("Crowd LOD places")
     columns = {"position": places.points.astype(np.float32), HEADING: places.heading}
     mesh_data.write_points(mesh, columns)
-    kept_meshes.keep(crowd, "start_places", mesh, _made_of(crowd))
+    kept_meshes.keep(crowd, "start_places", mesh)
 
 
 def places_of(crowd, area: Area) -> Places | None:
@@ -97,33 +97,19 @@ def places_inputs(crowd) -> tuple:
     return crowd.start_on, crowd.start_places and crowd.start_places.session_uid
 
 
-def places_outdated(crowd) -> Iterator[str]:
-    """Yield a sentence if the inputs of the crowd's places have changed since Populate."""
-    mesh = crowd.start_places
-    if crowd.source != "MACHINE" or crowd.start_on in LIVE or crowd.start_object is None:
-        return
-    if mesh is None:
-        yield _undrawn(crowd)
-    elif not provenance.is_made_of(mesh, kept_meshes.MADE_OF, _made_of(crowd)):
-        yield (
-            f"What the places on {crowd.start_object.name} were drawn from has changed: press "
-            f"Populate."
-        )
-
-
 def _undrawn(crowd) -> str:
     return f"The places where the crowd {crowd.name or 1} starts are not drawn yet: press Populate."
 
 
-def _made_of(crowd) -> dict[str, str]:
+def places_digest(crowd) -> str:
+    """Return a digest of what the crowd's places are drawn from; "" if they are not drawn."""
+    if crowd.source != "MACHINE" or crowd.start_on in LIVE or crowd.start_object is None:
+        return ""
     volumes = () if crowd.density_volumes is None else crowd.density_volumes.all_objects
     image = crowd.density_image and crowd.density_image.name_full
     numbers = crowd.start_on, crowd.count, crowd.seed, spacing_of(crowd), crowd.density_group, image
-    return {
-        "the settings": provenance.text_digest(numbers),
-        "the object": kept_meshes.shape_digest([crowd.start_object]),
-        "the volumes": kept_meshes.shape_digest(volumes),
-    }
+    shapes = [kept_meshes.shape_digest(items) for items in ([crowd.start_object], volumes)]
+    return provenance.text_digest(numbers, shapes)
 
 
 def _on_surface(crowd, item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Places:

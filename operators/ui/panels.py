@@ -12,6 +12,7 @@ from ...crowd_lod.behavior.walk import walks_of
 from ...crowd_lod.format import counted
 from ...crowd_lod.levels.cost_model import NAMES
 from ..blender.scene_data import engine_of
+from ..freshness.artifacts import LODS, stale
 from ..overlay import viewport_overlay
 from ..runs.update_all import due_steps
 from ..settings import needs
@@ -73,7 +74,7 @@ def _update_row(layout, scene: bpy.types.Scene) -> None:
         words = {"Make LOD Meshes": "Make", "Plan Shot": "Plan"}
         names = ", ".join(words.get(step, step) for step in due)
         row.enabled = bool(due)
-        text = f"Update All: {names}" if due else "Meshes, plan and build are up to date"
+        text = f"Update All: {names}" if due else "All is up to date"
     button(row, "crowd_lod.update_all", text, "FILE_REFRESH", steps.next_operator(scene))
 
 
@@ -249,7 +250,7 @@ class CROWDLOD_PT_levels(Step, bpy.types.Panel):
     def draw_made(self, context, layout, settings) -> None:
         """Draw what has changed since LODs were made, and a line on those of each group."""
         line = letters_of(context)
-        since = steps.news_of_lods(context.scene)
+        since = [str(change) for change in stale(context.scene, LODS)]
         sentence = "Press Make LOD Meshes" if settings.levels is None else "LOD meshes are made"
         if since:
             sentence = f"Changed: {', '.join(since)}"

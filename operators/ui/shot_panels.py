@@ -6,14 +6,14 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import byte_size, counted
 from ...crowd_lod.shot.budget_points import budget_sentence, fitting_point
 from ..blender import scene_data
+from ..freshness.artifacts import BAKE, build_of, stale
+from ..freshness.bake_frames import is_bake
 from ..hand_over.lacks import Lack, lacks_of
 from ..hand_over.sizes import sizes_of
 from ..overlay import viewport_overlay
-from ..render_setup import staleness
 from ..render_setup.character_images import IMAGE_BYTES, can_use_cache
-from ..render_setup.render_setup import BAKED, baked_of
+from ..render_setup.render_setup import baked_of
 from ..render_setup.view_layers import layers_of
-from ..runs.update_all import due_steps
 from ..settings import needs
 from ..settings.budgets import LIMITS, budget_of, possible_budgets
 from ..sources.hand_edits import EDITS
@@ -152,22 +152,22 @@ class CROWDLOD_PT_build(Step, bpy.types.Panel):
     bl_label = "Build"
 
     def draw_header_preset(self, context) -> None:
-        text = "Update" if staleness.changed(context.scene) else "Build"
+        artifact = build_of(context.scene)
         button(
             self.layout,
-            steps.builder_of(context.scene),
-            text,
+            artifact.operator,
+            "Update" if stale(context.scene, artifact) else "Build",
             following=steps.next_operator(context.scene),
         )
         self.draw_help()
 
     def body(self, context, layout, settings) -> None:
-        changed = staleness.changed(context.scene)
-        builder = steps.builder_of(context.scene)
+        artifact = build_of(context.scene)
+        changed = [str(change) for change in stale(context.scene, artifact)]
         row = layout.row(align=True)
         for name, icon in (("Build", "GEOMETRY_NODES"), ("Bake", "FREEZE")):
             operator = f"crowd_lod.{name.lower()}"
-            text = f"Update {name}" if changed and operator == builder else name
+            text = f"Update {name}" if changed and operator == artifact.operator else name
             button(row, operator, text, icon, steps.next_operator(context.scene))
         row.operator("crowd_lod.remove_build", text="", icon="TRASH")
         label(
@@ -197,7 +197,7 @@ def _built(build: bpy.types.Collection | None) -> str:
     try:
         return (
             "Baked: frames {2:g} to {3:g}".format(*baked_of(build))
-            if BAKED in build
+            if is_bake(build)
             else "Follows frame and camera"
         )
     except CrowdError as error:
@@ -288,9 +288,9 @@ class CROWDLOD_PT_hand_over(Step, bpy.types.Panel):
         """
         scene = context.scene
         settings = scene.crowd_lod
-        is_baked = steps.builder_of(scene) == "crowd_lod.bake"
+        is_baked = is_bake(settings.build)
         row = layout.row()
-        row.enabled = not is_baked or "Bake" in due_steps(scene)
+        row.enabled = not is_baked or bool(stale(scene, BAKE))
         button(row, "crowd_lod.bake", "Update Bake" if is_baked else "Bake", "FREEZE")
         if is_baked:
             label(layout, _built(settings.build), "CHECKMARK" if not row.enabled else "INFO")

@@ -12,11 +12,11 @@ from crowd_lod_extension.operators.blender.references import closure_of
 from crowd_lod_extension.operators.blender.scene_data import set_node_input
 from crowd_lod_extension.operators.characters import cast_provenance
 from crowd_lod_extension.operators.cli import commands
-from crowd_lod_extension.operators.lod_meshes.made_for import to_make_again
+from crowd_lod_extension.operators.freshness.artifacts import to_make_again
 from crowd_lod_extension.operators.overlay import character_cache
-from crowd_lod_extension.operators.render_setup import staleness
 
 from ..support.characters import character, new, rig, skin, tube
+from ..support.freshness import changed_since_build
 from ..support.nodes import nodes_modifier
 from ..support.rigs import keyed
 
@@ -261,7 +261,7 @@ def test_a_change_of_anything_that_a_character_is_made_of_is_an_edit_of_it(small
     bpy.ops.crowd_lod.populate()
     bpy.ops.crowd_lod.make_levels()
     bpy.ops.crowd_lod.build()
-    assert (staleness.changed(small_shot), to_make_again(small_shot)) == ([], "")
+    assert (changed_since_build(small_shot), to_make_again(small_shot)) == ([], "")
     drawn = character_cache.cache_key(small_shot)[0]
     for name, (block, path, index) in dependencies.items():
         holder, _, last = path.rpartition(".")
@@ -277,7 +277,7 @@ def test_a_change_of_anything_that_a_character_is_made_of_is_an_edit_of_it(small
             else:
                 getattr(owner, last)[index] = value
             small_shot.view_layers[0].update()
-            assert staleness.changed(small_shot) == said, name
+            assert changed_since_build(small_shot) == said, name
             if block != items[0]:  # LODs have modifiers of their own
                 assert (character_cache.cache_key(small_shot)[0] != drawn) == bool(said), name
 

@@ -6,9 +6,9 @@ import bpy
 import pytest
 from crowd_lod_extension.operators.blender import sidebar_answers
 from crowd_lod_extension.operators.blender.scene_data import set_node_input
-from crowd_lod_extension.operators.render_setup import staleness
 
 from ..support.characters import character, new, rig, skin, tube
+from ..support.freshness import changed_since_build
 from ..support.nodes import BLOCKS, INPUTS, nodes_modifier
 
 
@@ -25,17 +25,17 @@ def test_a_changed_input_of_nodes_makes_the_build_ask_for_update(small_shot, mon
     bpy.ops.crowd_lod.populate()
     bpy.ops.crowd_lod.make_levels()
     bpy.ops.crowd_lod.build()
-    assert staleness.changed(small_shot) == []
+    assert changed_since_build(small_shot) == []
     for kind, (before, after) in INPUTS.items():
         set_node_input(modifier, kind, after)
-        assert "the character someone" in staleness.changed(small_shot), kind
+        assert "the character someone" in changed_since_build(small_shot), kind
         set_node_input(modifier, kind, before)
-        assert staleness.changed(small_shot) == [], kind
+        assert changed_since_build(small_shot) == [], kind
     for kind, block in zip(BLOCKS, (small_shot.camera, *blocks), strict=True):
         set_node_input(modifier, kind, block)
-        assert "the character someone" in staleness.changed(small_shot), kind
+        assert "the character someone" in changed_since_build(small_shot), kind
         set_node_input(modifier, kind, None)
-        assert staleness.changed(small_shot) == [], kind
+        assert changed_since_build(small_shot) == [], kind
 
 
 def test_an_animated_input_of_nodes_is_no_edit(small_shot, monkeypatch):
@@ -53,7 +53,7 @@ def test_an_animated_input_of_nodes_is_no_edit(small_shot, monkeypatch):
     bpy.ops.crowd_lod.build()
     for frame in (1, 7, 20):
         small_shot.frame_set(frame)
-        assert staleness.changed(small_shot) == []
+        assert changed_since_build(small_shot) == []
 
 
 def kinds(function):

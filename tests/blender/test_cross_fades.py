@@ -14,12 +14,12 @@ from crowd_lod_extension.operators.blender.named_actions import group_performanc
 from crowd_lod_extension.operators.characters.group_measuring import measure_groups
 from crowd_lod_extension.operators.characters.stored_groups import groups_of
 from crowd_lod_extension.operators.lod_meshes import deviation
-from crowd_lod_extension.operators.lod_meshes.made_for import outdated
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.overlay import skinned_characters
 from crowd_lod_extension.operators.render_setup import bake, render_setup
 from crowd_lod_extension.operators.scene.scene_crowd import characters_of, read_crowd, trajectory_of
 
+from ..support.freshness import changed_since_make
 from ..support.scene_frames import frame_now
 from .test_actions import STATES, levelled, name_actions, waiting  # noqa: F401
 from .test_rigs import instances
@@ -258,12 +258,11 @@ def test_lods_made_before_the_cross_fades_are_told(fading):
     scene.crowd_lod.frames = "1:20"
     name_actions(scene, STATES)
     list(make_levels(scene))
-    assert not outdated(scene)
+    assert not changed_since_make(scene)
     name_actions(scene, FADING)
-    assert (
-        outdated(scene)
-        == "LODs were made for actions the own, idle (now the own, idle with cross-fades)"
-    )
+    assert changed_since_make(scene) == [
+        "actions the own, idle (now the own, idle with cross-fades)"
+    ]
 
 
 def test_rigs_have_keys_where_either_action_of_a_cross_fade_bends(waiting):  # noqa: F811

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.sources.edited import Edited
 from crowd_lod_extension.operators.blender import sidebar_answers
-from crowd_lod_extension.operators.render_setup import staleness
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 
+from ..support.freshness import changed_since_build
 from ..support.scatter import scatter
 from .test_build import instances
 from .test_shot_exceptions import add, cube, frame_at, planned, seen_at
@@ -91,7 +91,7 @@ def test_the_build_shows_edited_agents_where_they_are_put(built, make, monkeypat
     )
     add(built, "c", kind="HIDE", agents=f"{hidden}")
     getattr(bpy.ops.crowd_lod, make)()
-    assert staleness.changed(built) == []
+    assert changed_since_build(built) == []
     built.frame_set(2)
     found = shown(built)
 
@@ -106,7 +106,7 @@ def test_the_build_shows_edited_agents_where_they_are_put(built, make, monkeypat
     assert len(at(hidden)) == 0
     assert len(found) == len(frame_at(built, 2).buckets.order)
     built.crowd_lod.exceptions["a"].use = False
-    assert staleness.changed(built) == ["the overrides"]
+    assert changed_since_build(built) == ["the overrides"]
 
 
 @pytest.mark.parametrize("all_frames", [True, False])

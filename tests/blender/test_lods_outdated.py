@@ -3,12 +3,15 @@
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import sidebar_answers
-from crowd_lod_extension.operators.lod_meshes.made_for import MADE_FOR
+from crowd_lod_extension.operators.freshness.artifacts import MADE_FOR, note_build
+from crowd_lod_extension.operators.freshness.parts import build_parts
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.render_setup import render_setup, staleness
+from crowd_lod_extension.operators.render_setup import render_setup
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 from crowd_lod_extension.operators.ui import steps
 from mathutils import Matrix
+
+from ..support.freshness import changed_since_build
 
 pytestmark = pytest.mark.once  # long, and the same on every Blender
 
@@ -34,7 +37,7 @@ def told_of(scene) -> str:
         (
             sentence
             for sentence, _ in steps.messages(scene)
-            if sentence.startswith("LODs were made ")
+            if sentence.startswith("Changed since Make LOD Meshes")
         ),
         "",
     )
@@ -84,16 +87,17 @@ def test_lods_of_characters_that_were_edited_are_to_be_made_again_and_those_that
         mesh.keyframe_insert("location", frame=frame)
     scene.frame_set(1)
     list(make_levels(scene))
-    list(render_setup.build(read_crowd(scene)))
-    staleness.note_build(scene, staleness.inputs_of(read_crowd(scene)))
+    crowd = read_crowd(scene)
+    list(render_setup.build(crowd))
+    note_build(scene, build_parts(crowd))
     scene.frame_set(10)
-    assert not told_of(scene) and not staleness.changed(scene)
+    assert not told_of(scene) and not changed_since_build(scene)
     mesh.data.transform(Matrix.Scale(1.3, 4))
     assert (
-        told_of(scene) == "LODs were made before the character adult changed"
+        told_of(scene) == "Changed since Make LOD Meshes: the character adult"
         and steps.next_operator(scene) == "crowd_lod.make_levels"
     )
-    assert staleness.changed(scene) == ["the character adult"]
+    assert changed_since_build(scene) == ["the character adult"]
     crowd = read_crowd(scene)
     cast = finished(render_setup.build(crowd))
     assert "the character adult changed" in render_setup.notes_on_cast(crowd, cast)

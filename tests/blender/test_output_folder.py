@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from crowd_lod_extension.operators.blender import sidebar_answers
 from crowd_lod_extension.operators.blender.output_folders import full_path, output_folder
-from crowd_lod_extension.operators.render_setup import staleness
 from crowd_lod_extension.operators.runs.open_report import report_path
 
+from ..support.freshness import changed_since_build
 from ..support.scene_frames import frame_now
 
 
@@ -223,9 +223,9 @@ def test_a_plan_that_is_copied_or_made_again_alike_leaves_the_build_as_it_is(
     path = plan(scene)
     bpy.ops.crowd_lod.build()
     os.utime(path, (1, 1))
-    assert staleness.changed(scene) == []
+    assert changed_since_build(scene) == []
     plan(scene)
-    assert staleness.changed(scene) == []
+    assert changed_since_build(scene) == []
     settings.frames = "1:2"
     plan(scene)
-    assert "the shot plan" in staleness.changed(scene)
+    assert "the shot plan" in changed_since_build(scene)

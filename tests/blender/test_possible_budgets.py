@@ -9,8 +9,9 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.shot.budget_points import budget_sentence
 from crowd_lod_extension.operators.blender import provenance
-from crowd_lod_extension.operators.lod_meshes.made_for import MADE_FOR, OVERRIDES, changed, outdated
+from crowd_lod_extension.operators.freshness.artifacts import MADE_FOR
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from crowd_lod_extension.operators.scene.shot_reference import OVERRIDES
 from crowd_lod_extension.operators.settings.budgets import budget_of, possible_budgets
 from crowd_lod_extension.operators.shot.shot_plan import (
     plan_shot,
@@ -20,6 +21,11 @@ from crowd_lod_extension.operators.shot.shot_plan import (
 )
 
 from ..support.characters import character, new, tube
+from ..support.freshness import changed_since_make
+
+
+def told_of_budget(scene):
+    return [change for change in changed_since_make(scene) if change.startswith("budget ")]
 
 
 @pytest.fixture
@@ -55,10 +61,10 @@ def test_lods_that_hold_a_new_budget_anyway_are_not_made_again(planned):
     settings.choice = "BY_TOLERANCE"
     provenance.keep(settings.levels, MADE_FOR, {"budget": "none"})
     settings.budget_triangles = int(possible_budgets(settings)[0].triangles)
-    assert "budget" not in changed(planned)
+    assert not told_of_budget(planned)
     assert "FINISHED" in bpy.ops.crowd_lod.plan_shot()
     settings.budget_triangles -= 1
-    assert "budget" in changed(planned)
+    assert told_of_budget(planned)
 
 
 @pytest.mark.once
@@ -84,12 +90,12 @@ def test_make_heeds_memory_and_overrides(planned):
     plan = finished(plan_shot(planned, wanted_of(planned, Path(), [1, 2])))
     assert 60 < plan.plan.bill.triangles.max() <= settings.budget_triangles
     assert plan.plan.bill.counts[:, 1:].sum() == 0
-    assert not outdated(planned)
+    assert not changed_since_make(planned)
     entry.agents = "0-4"
-    assert outdated(planned) == "LODs were made before the overrides changed"
+    assert changed_since_make(planned) == [OVERRIDES]
     entry.use = False
     settings.budget_triangles = 0
-    assert OVERRIDES not in outdated(planned)  # which then count for the plan alone
+    assert OVERRIDES not in changed_since_make(planned)  # which then count for the plan alone
 
 
 def test_make_chooses_lods_for_the_budget_and_the_plan_holds_it(planned):
@@ -101,7 +107,7 @@ def test_make_chooses_lods_for_the_budget_and_the_plan_holds_it(planned):
         finished(make_levels(planned))
     settings.budget_triangles = int(re.search(r"Triangles to ([\d,]+)", str(error.value))[1])
     outcome = finished(make_levels(planned))
-    assert "budget" not in changed(planned) and possible_budgets(settings) == ()
+    assert not told_of_budget(planned) and possible_budgets(settings) == ()
     assert f"deviate by up to about {outcome.budget_tolerance:.3g}" in outcome.sentence
     plan = finished(plan_shot(planned, wanted_of(planned, Path(), [1, 2])))
     assert plan.plan.bill.triangles.max() <= settings.budget_triangles
@@ -109,4 +115,4 @@ def test_make_chooses_lods_for_the_budget_and_the_plan_holds_it(planned):
     possible = shot_json(plan)["shot"]["possible_budgets"]
     assert possible[-1]["triangles"] <= settings.budget_triangles
     settings.budget_triangles *= 2
-    assert "budget" in changed(planned)  # less tolerance would do
+    assert told_of_budget(planned)  # less tolerance would do

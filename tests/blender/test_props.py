@@ -14,9 +14,10 @@ from crowd_lod_extension.operators.scene.scene_crowd import (
     policy_of,
     trajectory_of,
 )
-from crowd_lod_extension.operators.sources import crowd_sources
+from crowd_lod_extension.operators.sources.crowd_parts import GROUPS
 from mathutils import Matrix
 
+from ..support.freshness import changed_since_populate
 from ..support.scatter import scatter
 from .test_points_source import crowd_of
 
@@ -178,7 +179,7 @@ def test_mark_as_prop_marks_what_is_selected_or_nothing(scene):
     with pytest.raises(RuntimeError, match="Select an object of a character group"):
         bpy.ops.crowd_lod.mark_as_prop()
     populated(scene)
-    assert crowd_sources.outdated(scene) == []
+    assert changed_since_populate(scene) == []
     bpy.data.objects["adult"].select_set(True)
     bag.select_set(True)
     with pytest.raises(RuntimeError, match="All meshes of the character group adult are props or"):
@@ -188,12 +189,10 @@ def test_mark_as_prop_marks_what_is_selected_or_nothing(scene):
     bpy.ops.crowd_lod.mark_as_prop(chance=0.3)
     assert bag["prop"] == pytest.approx(0.3)
     scene_cache.forget()
-    assert crowd_sources.outdated(scene) == [
-        "The characters' props or slots have changed: press Populate."
-    ]
+    assert changed_since_populate(scene) == [GROUPS]
     populated(scene)
     scene_cache.forget()
-    assert crowd_sources.outdated(scene) == []
+    assert changed_since_populate(scene) == []
 
 
 def test_steps_say_that_props_were_marked_since_populate(dressed):

@@ -10,9 +10,8 @@ from crowd_lod_extension.operators.blender import provenance, sidebar_answers
 from crowd_lod_extension.operators.characters import cast_provenance
 from crowd_lod_extension.operators.characters.cast_provenance import cast_inputs
 from crowd_lod_extension.operators.cli import commands
-from crowd_lod_extension.operators.lod_meshes import made_for
-from crowd_lod_extension.operators.render_setup import staleness
 
+from ..support.freshness import changed_since_build, changed_since_make
 from ..support.scene_frames import frame_now
 
 
@@ -191,13 +190,13 @@ def test_a_live_build_with_strict_needs_the_camera_path_of_the_plan(levelled, tm
 
 def test_a_build_and_lods_name_what_was_edited(levelled):
     assert bpy.ops.crowd_lod.build() == {"FINISHED"}
-    assert staleness.changed(levelled) == [] and made_for.edited(levelled) == []
+    assert changed_since_build(levelled) == [] and changed_since_make(levelled) == []
     rename(levelled)
-    assert staleness.changed(levelled) == [] and made_for.edited(levelled) == []
+    assert changed_since_build(levelled) == [] and changed_since_make(levelled) == []
     level(levelled, 1).data.vertices[0].co.z += 0.3
     body(levelled).data.vertices[0].co.z += 0.3
-    assert staleness.changed(levelled) == ["the character adult", "LOD 1 of adult"]
-    assert made_for.edited(levelled) == ["the character adult"]
+    assert changed_since_build(levelled) == ["the character adult", "LOD 1 of adult"]
+    assert changed_since_make(levelled) == ["the character adult"]
 
 
 @pytest.mark.parametrize(

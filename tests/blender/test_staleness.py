@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.operators.blender import image_data, sidebar_answers
-from crowd_lod_extension.operators.render_setup import staleness
+
+from ..support.freshness import changed_since_build
 
 
 @pytest.fixture(autouse=True)
@@ -59,16 +60,16 @@ def follow(scene, name, changes):
     scene.frame_start = 1
     scene.frame_end = 3
     bpy.ops.crowd_lod.populate()
-    assert staleness.changed(scene) == []  # there is no build
+    assert changed_since_build(scene) == []  # there is no build
     make()
-    assert staleness.changed(scene) == []
+    assert changed_since_build(scene) == []
     for told, change in changes.items():
-        before = staleness.changed(scene)
+        before = changed_since_build(scene)
         change(scene)
         scene.view_layers[0].update()
-        assert told not in before and told in staleness.changed(scene)
+        assert told not in before and told in changed_since_build(scene)
     make()
-    assert staleness.changed(scene) == []
+    assert changed_since_build(scene) == []
 
 
 @pytest.mark.once
@@ -77,7 +78,7 @@ def test_a_live_build_tells_what_it_does_not_follow(levelled):
     for change in OF_A_BAKE.values():
         change(levelled)
     levelled.frame_set(2)
-    assert staleness.changed(levelled) == []  # those it follows
+    assert changed_since_build(levelled) == []  # those it follows
 
 
 @pytest.mark.once
@@ -85,4 +86,4 @@ def test_a_bake_tells_what_differs_from_its_frames(levelled):
     follow(levelled, "bake", {"the crowd": CHANGES["the crowd"]} | OF_A_BAKE)
     bpy.ops.crowd_lod.remove_build()
     levelled.crowd_lod.seed += 1
-    assert staleness.changed(levelled) == []
+    assert changed_since_build(levelled) == []

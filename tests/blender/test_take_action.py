@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
 from crowd_lod_extension.operators.characters.stored_groups import groups_of
-from crowd_lod_extension.operators.characters.take_action import action_outdated
 from crowd_lod_extension.operators.characters.walk_choice import take_walks
-from crowd_lod_extension.operators.sources.crowd_sources import outdated
 
 from ..support.characters import character, new, rig, skin, tube
+from ..support.freshness import changed_since_populate
 
 
 def bent(name):
@@ -54,7 +53,7 @@ def test_a_character_without_an_action_is_told_with_the_way_out(skinned):
     assert "press Take Action, which gives it motion walk" in settings.trouble
     assert bpy.ops.crowd_lod.take_action() == {"FINISHED"}
     assert skinned.animation_data.action == bpy.data.actions["motion walk"]
-    assert outdated(bpy.context.scene) == ["The characters have an action now: press Populate."]
+    assert changed_since_populate(bpy.context.scene) == ["the motion of someone"]
     bpy.ops.crowd_lod.populate()
     assert "glide" not in settings.trouble
     assert groups_of(settings)[0].period == pytest.approx(9 / 24)
@@ -184,7 +183,7 @@ def test_without_a_name_the_action_is_taken_that_moves_forward_at_a_persons_spee
     settings.count = 2
     bpy.ops.crowd_lod.populate()
     told = "walks by the action nod, and its file has march (chosen by its speed): press"
-    assert told in settings.trouble and not action_outdated(bpy.context.scene)
+    assert told in settings.trouble and not changed_since_populate(bpy.context.scene)
     (sentence,) = take_walks(bpy.context.scene, [armature, item])
     assert armature.animation_data.action.name == "march"
     assert sentence == "skin now plays march (chosen by its speed) instead of nod."

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from crowd_lod_extension.operators.blender import kept_meshes, sidebar_answers
 from crowd_lod_extension.operators.scene import scene_crowd
-from crowd_lod_extension.operators.sources import crowd_sources
 from mathutils import Vector
 from mathutils.bvhtree import BVHTree
+
+from ..support.freshness import changed_since_populate
 
 SIT = (
     '{"version": 1, "labels": {"ground": {"color": "#808080"}}, "states": {"sit": {"color": '
@@ -181,23 +182,19 @@ def test_a_change_of_the_terrain_or_of_the_places_is_told(scene):
         waves(scene),
     )
     populated(scene)
-    assert crowd_sources.outdated(scene) == []
+    assert changed_since_populate(scene) == []
     ground.modifiers.new("Subdivide", "SUBSURF").levels = 1
-    assert crowd_sources.outdated(scene) == ["The terrain Waves has changed: press Populate."]
+    assert changed_since_populate(scene) == ["the terrain"]
     populated(scene)
     ground.location.z = 1
     scene.view_layers[0].update()
-    assert crowd_sources.outdated(scene) == ["The terrain Waves has changed: press Populate."]
+    assert changed_since_populate(scene) == ["the terrain"]
     populated(scene)
     for block in (ground, ground.data, ground.modifiers[0], settings.start_object):
         block.name = "Hill"  # is no change
-    assert crowd_sources.outdated(scene) == []
+    assert changed_since_populate(scene) == []
     settings.count += 1
-    assert [
-        note
-        for note in crowd_sources.outdated(scene)
-        if note.startswith("What the places on Hill.001")
-    ]
+    assert changed_since_populate(scene) == ["the start places"]
 
 
 def test_holes_and_moving_terrain_are_told(scene, capfd):

@@ -126,7 +126,9 @@ def test_a_build_by_distance_is_not_planned(shot):
     assert update(shot) == ([], [])
     change_tilt(shot)
     assert update(shot) == (["Build"], ["Build"])
-    assert update_sentence(shot, {}).startswith("Up to date: Make LOD Meshes, Plan Shot, Build")
+    assert update_sentence(shot, {}).startswith(
+        "Up to date: Populate, Make LOD Meshes, Plan Shot, Build"
+    )
 
 
 def test_the_command_updates_a_file_and_leaves_one_that_is_up_to_date(shot, tmp_path, capfd):

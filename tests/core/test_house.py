@@ -59,6 +59,7 @@ FLOORS = {
             "characters",
             "sources",
             "scene",
+            "freshness",
             "lod_meshes",
             "overlay",
         ),

@@ -127,7 +127,7 @@ def most_triangles() -> int:
 
 def verdict() -> str:
     """What the last proof found."""
-    return sys.modules[f"{robot.MODULE}.operators.runs.verify_button"].verdict_of(scene())
+    return sys.modules[f"{robot.MODULE}.operators.freshness.artifacts"].verdict_of(scene())
 
 
 def lacks(operator: str) -> list:

@@ -1,0 +1,356 @@
+"""The table of artifacts, and the one answer to whether one is out of date.
+
+docs/notes/freshness.md has the table of artifacts and parts.
+"""
+
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from typing import NamedTuple
+
+import bpy
+
+from ...crowd_lod.errors import CrowdError
+from ..blender import provenance, scene_cache, scene_data
+from ..blender.provenance import text_digest
+from ..blender.sidebar_answers import hold, keep_at_work
+from ..blender.stored_values import contents_of
+from ..characters.cast_provenance import CHARACTER, MOTION
+from ..scene.scene_crowd import read_crowd
+from ..scene.shot_reference import CAMERA, reference, stored_plan
+from ..settings.budgets import NO_BUDGET, holds_anyway
+from ..sources.crowd_parts import crowd_made_of, crowd_parts
+from ..sources.crowd_sources import live
+from .bake_frames import differing_now, is_bake
+from .parts import (
+    BUDGET,
+    FOLLOWED,
+    MEMORY,
+    SIMPLIFY,
+    WORDED,
+    build_parts,
+    camera_motion,
+    lod_parts,
+    lods_there,
+    plan_parts,
+)
+
+MADE_FOR = "crowd_lod_made_for"  # custom property of LOD meshes and builds
+Parts = Mapping[str, str]
+
+
+class Proof(NamedTuple):
+    """What the last proof of a scene found.
+
+    sentence: its verdict; ok: whether the pictures are the same; made_of: the parts proved.
+    """
+
+    sentence: str
+    ok: bool
+    made_of: Parts
+
+
+_proofs: dict[int, Proof] = scene_cache.add_cache({}, by_scene=True)
+
+
+class Change(NamedTuple):
+    """A part that differs from what an artifact was made of: its name, what it was, and is."""
+
+    part: str
+    before: str
+    now: str
+
+    def __str__(self) -> str:
+        return f"{self.part} {self.before} (now {self.now})" if self.part in WORDED else self.part
+
+
+class Artifact(NamedTuple):
+    """What a step makes.
+
+    operator: makes it anew.
+    label: on its button.
+    lacking: why the step is due where there is none; "" where it is not.
+    made_of: scene -> the parts that it was made of; {} if it does not say.
+    parts: scene -> those that there are now.
+    settle: (scene, made_of, parts) -> the changes between them that count.
+    """
+
+    operator: str
+    label: str
+    lacking: Callable[[bpy.types.Scene], str]
+    made_of: Callable[[bpy.types.Scene], Parts]
+    parts: Callable[[bpy.types.Scene], Parts]
+    settle: Callable[[bpy.types.Scene, Parts, Parts], list[Change]]
+
+
+def changes_of(scene: bpy.types.Scene, artifact: Artifact) -> list[Change]:
+    """Return the parts that differ from what the scene's artifact was made of; none without one.
+
+    CrowdError if the crowd's settings are bad.
+    """
+    try:
+        made_of = artifact.made_of(scene)
+    except CrowdError as error:  # its file is gone, or spoilt
+        return [Change(str(error).rstrip("."), "", "")]
+    return artifact.settle(scene, made_of, artifact.parts(scene)) if made_of else []
+
+
+def reason_of(scene: bpy.types.Scene, artifact: Artifact) -> str:
+    """Return why the artifact is to be made: that there is none, or what has changed; "" if it is
+    up to date.
+    """
+    return artifact.lacking(scene) or words_of(changes_of(scene, artifact))
+
+
+def words_of(changes: list[Change]) -> str:
+    """Return the changes in words, such as "the camera and LOD 1 of adult changed"; "" if none."""
+    return f"{provenance.name_inputs(list(map(str, changes)))} changed" if changes else ""
+
+
+def stale(scene: bpy.types.Scene, artifact: Artifact) -> list[Change]:
+    """Return what `changes_of` does, as of a look a second ago at most.
+
+    While a step is at work, as of its begin. It costs nothing, so that drawings ask it.
+    """
+    _, changes = _answers(scene).get(artifact.operator, ("", []))
+    return changes
+
+
+def news_of(scene: bpy.types.Scene, artifact: Artifact) -> str:
+    """Return a line on what `stale` tells; "" if the artifact is up to date."""
+    changes = stale(scene, artifact)
+    names = provenance.name_inputs(list(map(str, changes)))
+    return f"Changed since {artifact.label}: {names}" if changes else ""
+
+
+def reasons(scene: bpy.types.Scene) -> dict[str, str]:
+    """Return why each artifact is due, by its operator, as of a look a second ago at most."""
+    said = {
+        operator: lacking or words_of(changes)
+        for operator, (lacking, changes) in _answers(scene).items()
+    }
+    return {operator: reason for operator, reason in said.items() if reason}
+
+
+def look_again(scene: bpy.types.Scene) -> None:
+    """Let the next drawing look at once."""
+    _looks.drop(scene)
+
+
+@keep_at_work
+def _answers(scene: bpy.types.Scene) -> dict[str, tuple[str, list[Change]]]:
+    return _looks(scene)
+
+
+def _quick(scene: bpy.types.Scene) -> tuple:
+    """Return what tells most changes at once, for the answer of the last second."""
+    settings = scene.crowd_lod
+    top = settings.characters
+    names = () if top is None else (*top.children.keys(), *top.objects.keys())
+    there = [block and block.session_uid for block in (settings.levels, settings.build)]
+    return provenance.changes, reference(settings), *there, names, contents_of(settings)
+
+
+@hold(_quick)
+def _looks(scene: bpy.types.Scene) -> dict[str, tuple[str, list[Change]]]:
+    answers = {}
+    for artifact in artifacts_of(scene):
+        changes: list[Change] = []
+        with suppress(CrowdError):  # what is wrong with the crowd is told elsewhere
+            changes = changes_of(scene, artifact)
+        answers[artifact.operator] = artifact.lacking(scene), changes
+    return answers
+
+
+def note_lods(scene: bpy.types.Scene, parts: Parts) -> None:
+    """Keep with the scene's LOD meshes what they were made of: lod_parts, as the work began."""
+    provenance.keep(scene.crowd_lod.levels, MADE_FOR, parts)
+    look_again(scene)
+
+
+def note_build(scene: bpy.types.Scene, parts: Parts) -> None:
+    """Keep with the scene's build what it was made of: build_parts, as the work began."""
+    build = scene.crowd_lod.build
+    followed = () if is_bake(build) else FOLLOWED
+    own = {name: part for name, part in parts.items() if name not in followed}
+    provenance.keep(build, MADE_FOR, own)
+    look_again(scene)
+
+
+def note_proof(scene: bpy.types.Scene, proof: Proof) -> None:
+    """Keep the scene's last proof, as long as the file is open."""
+    scene_cache.tidy()
+    _proofs[scene.session_uid] = proof
+    look_again(scene)
+
+
+def verdict_of(scene: bpy.types.Scene) -> str:
+    """Return what the last proof of the scene found; "" if there is none, or it is `stale`."""
+    proof = _proofs.get(scene.session_uid)
+    return "" if proof is None or stale(scene, PROOF) else proof.sentence
+
+
+def _differ(_, made_of: Parts, parts: Parts) -> list[Change]:
+    names = provenance.differences(made_of, parts)
+    return [Change(name, made_of.get(name, ""), parts.get(name, "")) for name in names]
+
+
+# The crowd
+
+
+def _no_crowd(scene: bpy.types.Scene) -> str:
+    return "" if len(scene.crowd_lod.groups) else "there is no crowd"
+
+
+def _crowd_made_of(scene: bpy.types.Scene) -> Parts:
+    return crowd_made_of(scene) if len(scene.crowd_lod.groups) else {}
+
+
+def _settle_crowd(scene: bpy.types.Scene, made_of: Parts, parts: Parts) -> list[Change]:
+    """Return the changes; a motion that came or went is told by the groups."""
+    changes = _differ(scene, made_of, parts)
+    return [
+        change
+        for change in changes
+        if not change.part.startswith(MOTION) or (change.before and change.now)
+    ]
+
+
+# LOD meshes
+
+
+def _no_lods(scene: bpy.types.Scene) -> str:
+    return "" if scene.crowd_lod.levels is not None else "there are no LOD meshes"
+
+
+def _lods_made_of(scene: bpy.types.Scene) -> Parts:
+    if scene.crowd_lod.levels is None:
+        return {}
+    there, _ = lods_there(scene)
+    return provenance.read_inputs(scene.crowd_lod.levels, MADE_FOR) | there
+
+
+def _lod_parts_and_counts(scene: bpy.types.Scene) -> Parts:
+    _, wanted = lods_there(scene)
+    return lod_parts(scene) | wanted
+
+
+def _settle_lods(scene: bpy.types.Scene, made_of: Parts, parts: Parts) -> list[Change]:
+    """Return the changes of what both name: LODs by distance do not say for which view they are."""
+    changes = [change for change in _differ(scene, made_of, parts) if change.before and change.now]
+    if made_of.get(BUDGET) == NO_BUDGET and holds_anyway(scene.crowd_lod):
+        return [change for change in changes if change.part != BUDGET]  # they would be the same
+    return changes
+
+
+# Shot plans
+
+
+def _no_plan(scene: bpy.types.Scene) -> str:
+    """Return that there is no plan, but for a build by distance, which the user chose."""
+    settings = scene.crowd_lod
+    by_distance = settings.build is not None or live(settings)
+    return "" if settings.shot_plan or by_distance else "there is no plan"
+
+
+def _plan_made_of(scene: bpy.types.Scene) -> Parts:
+    settings = scene.crowd_lod
+    if not settings.shot_plan or not settings.use_shot_plan or settings.levels is None:
+        return {}
+    return stored_plan(settings).made_for
+
+
+# Builds and bakes
+
+
+def _no_build(scene: bpy.types.Scene) -> str:
+    return "" if scene.crowd_lod.build is not None else "there is no build"
+
+
+def _build_made_of(scene: bpy.types.Scene) -> Parts:
+    if scene.crowd_lod.build is None:
+        return {}
+    return provenance.read_inputs(scene.crowd_lod.build, MADE_FOR)
+
+
+def _bake_parts(scene: bpy.types.Scene) -> Parts:
+    return build_parts(read_crowd(scene))
+
+
+def _live_build_parts(scene: bpy.types.Scene) -> Parts:
+    return {name: part for name, part in _bake_parts(scene).items() if name not in FOLLOWED}
+
+
+def _settle_bake(scene: bpy.types.Scene, made_of: Parts, parts: Parts) -> list[Change]:
+    changes = _differ(scene, made_of, parts)
+    names = [change.part for change in changes]
+    in_frame = differing_now(scene, scene.crowd_lod.build)
+    return [*changes, *(Change(name, "", "") for name in in_frame if name not in names)]
+
+
+# Proofs
+
+
+def _no_proof(scene: bpy.types.Scene) -> str:
+    proof = _proofs.get(scene.session_uid)
+    if proof is None:
+        return "there is no proof"
+    return "" if proof.ok else "the last proof does not hold"
+
+
+def proof_parts(scene: bpy.types.Scene) -> Parts:
+    """Return what a proof is of: the build, and what its frames show of it."""
+    build = scene.crowd_lod.build
+    return {
+        "the build": text_digest(build and build.get(MADE_FOR)),
+        CAMERA: camera_motion(scene),
+        "the frames": text_digest(list(scene_data.frames_of(scene))),
+    }
+
+
+def _proof_made_of(scene: bpy.types.Scene) -> Parts:
+    proof = _proofs.get(scene.session_uid)
+    return {} if proof is None else proof.made_of
+
+
+CROWD = Artifact(
+    "crowd_lod.populate", "Populate", _no_crowd, _crowd_made_of, crowd_parts, _settle_crowd
+)
+LODS = Artifact(
+    "crowd_lod.make_levels",
+    "Make LOD Meshes",
+    _no_lods,
+    _lods_made_of,
+    _lod_parts_and_counts,
+    _settle_lods,
+)
+PLAN = Artifact("crowd_lod.plan_shot", "Plan Shot", _no_plan, _plan_made_of, plan_parts, _differ)
+BUILD = Artifact("crowd_lod.build", "Build", _no_build, _build_made_of, _live_build_parts, _differ)
+BAKE = Artifact("crowd_lod.bake", "Bake", _no_build, _build_made_of, _bake_parts, _settle_bake)
+PROOF = Artifact("crowd_lod.verify", "Verify", _no_proof, _proof_made_of, proof_parts, _differ)
+
+
+def build_of(scene: bpy.types.Scene) -> Artifact:
+    """Return BAKE if the scene's build is a bake, else BUILD."""
+    return BAKE if is_bake(scene.crowd_lod.build) else BUILD
+
+
+def artifacts_of(scene: bpy.types.Scene) -> tuple[Artifact, ...]:
+    """Return the artifacts of the scene in the order of the work."""
+    return CROWD, LODS, PLAN, build_of(scene), PROOF
+
+
+def to_make_again(scene: bpy.types.Scene) -> str:
+    """Return a sentence if LOD meshes show other characters than there are now, or are for another
+    memory; "" if not.
+    """
+    changes = [
+        change
+        for change in changes_of(scene, LODS)
+        if change.part in (MEMORY, SIMPLIFY) or change.part.startswith(CHARACTER)
+    ]
+    if not changes:
+        return ""
+    names = provenance.name_inputs([change.part for change in changes])
+    return (
+        f"Since the LOD meshes were made, {names} changed: press Make LOD Meshes, and Build again."
+    )

@@ -1,0 +1,62 @@
+"""What Populate's crowd follows from, and Populate alone reads: characters, terrain, places."""
+
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+
+import bpy
+
+from ...crowd_lod.errors import CrowdError
+from ..blender import provenance
+from ..characters.cast_provenance import motions
+from ..characters.characters import all_characters
+from ..machine.terrain_source import terrain_digest
+from .crowd_sources import crowds_of
+from .start_source import places_digest
+
+MADE_OF = "crowd_lod_crowd_made_of"  # custom property of the scene
+GROUPS = "the character groups"
+
+
+def crowd_parts(scene: bpy.types.Scene) -> dict[str, str]:
+    """Return digests of what the crowd follows from now, by name."""
+    return measured_parts(scene) | _ground_parts(scene)
+
+
+def measured_parts(scene: bpy.types.Scene) -> dict[str, str]:
+    """Return those of `crowd_parts` that the measured groups follow from.
+
+    Their shapes are left out: Make LOD Meshes measures them again.
+    """
+    with suppress(CrowdError):  # Populate tells
+        return {GROUPS: _digest_groups(all_characters(scene))} | motions(scene)
+    return {}
+
+
+def crowd_made_of(scene: bpy.types.Scene) -> dict[str, str]:
+    """Return what the scene's crowd was made of: the groups are those that it has."""
+    return provenance.read_inputs(scene, MADE_OF) | {GROUPS: _digest_groups(scene.crowd_lod.groups)}
+
+
+def note_crowd(scene: bpy.types.Scene, parts: Mapping[str, str]) -> None:
+    """Keep what the crowd was made of; what `parts` does not name stays as it was kept."""
+    provenance.keep(scene, MADE_OF, provenance.read_inputs(scene, MADE_OF) | dict(parts))
+
+
+def _digest_groups(groups: Iterable) -> str:
+    """Return a digest of characters or stored groups: names, slots and chances."""
+    return provenance.text_digest(
+        sorted((each.name, each.slot, _excluded(each), round(each.chance, 4)) for each in groups)
+    )
+
+
+def _excluded(each) -> str:
+    return each.excludes if isinstance(each.excludes, str) else ", ".join(each.excludes)
+
+
+def _ground_parts(scene: bpy.types.Scene) -> dict[str, str]:
+    parts = {}
+    for number, crowd in enumerate(crowds_of(scene.crowd_lod), start=1):
+        whose = f" of crowd {number}" if number > 1 else ""
+        parts[f"the terrain{whose}"] = terrain_digest(crowd)
+        parts[f"the start places{whose}"] = places_digest(crowd)
+    return {name: digest for name, digest in parts.items() if digest}
