@@ -54,7 +54,7 @@ def plan_shot(args) -> dict:
         def work() -> Generator[float, None, tuple[shot_plan.PlannedShot, dict]]:
             planning = shot_plan.plan_shot(scene, request)
             planned = yield from share(planning, 0.0, shot_plan.PLANNED)
-            writing = shot_plan.write_plan(scene, part, planned, args.words)
+            writing = shot_plan.write_plan(part, planned, args.words)
             return planned, (yield from share(writing, shot_plan.PLANNED, 1.0))
 
         steps = with_record(scene, request.frames, work)

@@ -14,7 +14,6 @@ from ...crowd_lod.frame.hidden import hide
 from ...crowd_lod.frame.request import Request
 from ...crowd_lod.levels.assignment import Bias, LevelPolicy
 from ...crowd_lod.shot.frame_errors import worst_error
-from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_data
 from ..blender.cameras import read_cameras
 from ..blender.image_data import LOOK_AGAIN
@@ -143,21 +142,22 @@ def _view_of(context) -> _View:
 
 
 def _crowd_of(
-    context, before: Display | None, same_frame: Frame | None, now: float
-) -> tuple[Trajectory, Bias | None, float]:
-    """Return the trajectory, the bias, and when they were last compared with their sources.
+    context, policy: LevelPolicy, before: Display | None, same_frame: Frame | None, now: float
+) -> tuple[SceneCrowd, float]:
+    """Return the crowd, and when its trajectory and its bias were last compared with their sources.
 
     They are compared every LOOK_AGAIN seconds, since the pixels of maps are slow to read.
     same_frame: the frame of `before`, if nothing else has changed about the crowd.
     """
-    settings = context.scene.crowd_lod
+    scene = context.scene
+    settings = scene.crowd_lod
     if same_frame is not None and now < before.looked + LOOK_AGAIN and not live(settings):
-        return same_frame.trajectory, same_frame.bias, before.looked
-    trajectory = trajectory_of(context.scene, depsgraph=context.view_layer.depsgraph)
+        return SceneCrowd(scene, same_frame.trajectory, policy, same_frame.bias), before.looked
+    trajectory = trajectory_of(scene, depsgraph=context.view_layer.depsgraph)
     bias = bias_of(settings)
     if same_frame is not None and _same(bias, same_frame.bias):
         bias = same_frame.bias
-    return trajectory, bias, now
+    return SceneCrowd(scene, trajectory, policy, bias), now
 
 
 def display_now(context, before: Display | None) -> Display:
@@ -169,19 +169,19 @@ def display_now(context, before: Display | None) -> Display:
         same_frame = (
             before.frame if before is not None and before.crowd_inputs == crowd_inputs else None
         )
-        trajectory, bias, looked = _crowd_of(context, before, same_frame, now)
-        cast_inputs = trajectory.groups, view.style.mode, view.characters
+        crowd, looked = _crowd_of(context, view.policy, before, same_frame, now)
+        cast_inputs = crowd.trajectory.groups, view.style.mode, view.characters
         same_cast = before is not None and before.cast_inputs == cast_inputs
-        same_crowd = same_frame is not None and trajectory is same_frame.trajectory
+        same_crowd = same_frame is not None and crowd.trajectory is same_frame.trajectory
         if (
             same_crowd
-            and bias is same_frame.bias
+            and crowd.bias is same_frame.bias
             and before.frame_inputs == view.inputs
             and same_cast
         ):
             before.looked = looked
             return before
-        frame = _plan_frame(SceneCrowd(context.scene, trajectory, view.policy, bias), view)
+        frame = _plan_frame(crowd, view)
         display = Display(
             crowd_inputs=crowd_inputs,
             frame_inputs=view.inputs,

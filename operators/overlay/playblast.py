@@ -15,10 +15,9 @@ import numpy as np
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.reporting.png_file import save_png
-from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import console
 from ..blender.color_space import to_linear
-from ..scene.scene_crowd import policy_of
+from ..scene.scene_crowd import SceneCrowd
 from . import character_cache, hud
 from .appearance import cast_of, colors_of, drawing_of, style_of
 from .gpu_batches import Batches
@@ -185,13 +184,13 @@ class Playblast:
 
     Use it as a context manager: at the end it frees everything it holds.
 
-    stage: the preview's scene.
+    crowd: that of the stage.
     size: width and height of the pictures in pixels.
     """
 
-    def __init__(self, stage: bpy.types.Scene, trajectory: Trajectory, size: tuple[int, int]):
-        self.stage = stage
-        self.trajectory = trajectory
+    def __init__(self, crowd: SceneCrowd, size: tuple[int, int]):
+        self.crowd = crowd
+        self.stage = crowd.scene
         self.size = size
         self.cast = self.batches = None
         self.notes: tuple[str, ...] = ()
@@ -215,12 +214,10 @@ class Playblast:
         CrowdError if the characters cannot be drawn as the scene's settings ask.
         """
         yield from character_cache.read(self.stage)
-        self.style, self.characters, self.notes = style_of(
-            self.stage, policy_of(self.stage.crowd_lod).count
-        )
+        self.style, self.characters, self.notes = style_of(self.stage, self.crowd.policy.count)
         if self.style.mode != self.stage.crowd_lod.overlay_mode:
             raise CrowdError(" ".join(self.notes))
-        self.cast = cast_of(self.trajectory.groups, self.style, self.characters)
+        self.cast = cast_of(self.crowd.trajectory.groups, self.style, self.characters)
 
     def place(self, frame: Frame) -> None:
         """Upload the frame's agents to the GPU."""

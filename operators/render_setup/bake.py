@@ -213,7 +213,7 @@ def _compute(
             planning = _plan(crowd, number, at, moments)
             frame = yield from standing(planning, (k + 0.9) / len(frames))
             moments.unplanned.append(note_of(number, frame.unplanned, strict))
-            shutter = held_by(scene, trajectory, number, frame.crowd)
+            shutter = held_by(crowd, number, frame.crowd)
             for name, agents in members(frame).items():
                 columns = columns_in_time(trajectory, shutter, number, agents, library)
                 moments.rows[name].append(columns)

@@ -70,7 +70,8 @@ def prepared(
                 yield from share(make_levels(scene), 0.0, 0.3)
             elif not earlier_groups:
                 store_groups(settings, groups)
-            crowd = read_crowd(scene)  # the groups are others
+            if lacks_levels or not earlier_groups:
+                crowd = read_crowd(scene)  # the groups are others
             yield from standing(reading(scene), 0.3 if lacks_levels else 0.0)
             made_for = build_parts(crowd)
             result = yield from share(work(crowd), 0.3 if lacks_levels else 0.0, 1.0)

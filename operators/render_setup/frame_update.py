@@ -64,23 +64,20 @@ class Held:
     ends: tuple[tuple[float, Crowd], ...] = ()
 
 
-def held_by(scene: bpy.types.Scene, trajectory: Trajectory, number: float, crowd: Crowd) -> Held:
-    """Return what the frame `number` of the timeline holds; crowd: at that frame."""
-    render = scene.render
+def held_by(crowd: SceneCrowd, number: float, agents: Crowd) -> Held:
+    """Return what the frame `number` of the timeline holds; agents: at that frame."""
+    render = crowd.scene.render
     length = render.motion_blur_shutter
     time = scene_data.remap(render, number)
     if not render.use_motion_blur or not length:
-        return Held(crowd, time)
+        return Held(agents, time)
     opens = cameras.OPENS[render.motion_blur_position] * length
     parts = -opens, length - opens
-    return Held(
-        crowd,
-        time,
-        tuple(
-            (part, trajectory.at(scene_data.remap(render, number + part)) if part else crowd)
-            for part in parts
-        ),
-    )
+    ends = [
+        (part, crowd.trajectory.at(scene_data.remap(render, number + part)) if part else agents)
+        for part in parts
+    ]
+    return Held(agents, time, tuple(ends))
 
 
 def columns_of(
@@ -363,7 +360,7 @@ def _planned(
     if frame.unplanned and _unplanned.get(scene.session_uid) != frame.unplanned:
         print(f"Crowd LOD, frame {number:g}: {frame.unplanned}", file=sys.stderr)
     _unplanned[scene.session_uid] = frame.unplanned
-    held = held_by(scene, crowd.trajectory, number, frame.crowd)
+    held = held_by(crowd, number, frame.crowd)
     return Planned(crowd.trajectory, frame, held, shutter)
 
 

@@ -28,7 +28,7 @@ from ...crowd_lod.validation import error_vs_runtime, extreme_cases, stiff_behav
 from ..blender import cameras, scene_data
 from ..characters.group_measuring import measuring_groups
 from ..characters.stored_groups import store_groups
-from ..scene.scene_crowd import policy_of, trajectory_of
+from ..scene.scene_crowd import SceneCrowd, read_crowd
 
 MOST_AGENTS = 10_000  # of a larger crowd so many, evenly taken, are measured
 VIEWS = 5  # frames of the scene, at even distances
@@ -48,13 +48,14 @@ def error(
         cameras.active_camera(scene)
         groups = yield from standing(measuring_groups(scene), 0.0)
         store_groups(scene.crowd_lod, groups)
-        walk = _walk_of(scene)
-        views = yield from share(_views(scene), 0.0, 0.5)
-        crowd = error_vs_runtime.thin_out(walk.start, MOST_AGENTS)
-        measurements = _measurements(scene, walk, crowd, views, repeats)
+        crowd = read_crowd(scene)
+        walk = _walk_of(crowd)
+        views = yield from share(_views(crowd), 0.0, 0.5)
+        agents = error_vs_runtime.thin_out(walk.start, MOST_AGENTS)
+        measurements = _measurements(crowd, walk, agents, views, repeats)
         tables = yield from share(_collect(measurements), 0.5, 1.0)
         machine = (
-            f"{machine_name()}; {len(crowd):,} of {len(trajectory_of(scene).start):,} agents, "
+            f"{machine_name()}; {len(agents):,} of {len(crowd.trajectory.start):,} agents, "
             f"medians of {counted(repeats, 'run')}"
         )
         for name, rows in tables.items():
@@ -66,20 +67,21 @@ def error(
     return {"machine": machine, "tables": tables, "files": files}
 
 
-def _walk_of(scene: bpy.types.Scene) -> Walk:
-    """Return the first walk of the scene's crowd; CrowdError if it has none."""
-    walks = walks_of(trajectory_of(scene))
+def _walk_of(crowd: SceneCrowd) -> Walk:
+    """Return the first walk of the crowd; CrowdError if it has none."""
+    walks = walks_of(crowd.trajectory)
     if not walks:
         raise CrowdError(
-            f"The crowd of the scene {scene.name} has no agents that a state machine moves, "
+            f"The crowd of the scene {crowd.scene.name} has no agents that a state machine moves, "
             f"whose steps could be wrong: run crowd-lod error on another scene."
         )
     return walks[0]
 
 
-def _views(scene: bpy.types.Scene) -> Generator[float, None, list[error_vs_runtime.View]]:
-    """Return the crowd and the camera of a few frames of `scene`; yields the progress."""
-    trajectory = trajectory_of(scene)
+def _views(crowd: SceneCrowd) -> Generator[float, None, list[error_vs_runtime.View]]:
+    """Return agents and the camera of a few frames of the scene; yields the progress."""
+    scene = crowd.scene
+    trajectory = crowd.trajectory
     frames = spread_evenly(scene_data.frames_of(scene, scene.crowd_lod.step), VIEWS)
     view_cameras = cameras.cameras_at(scene, frames)
     for k, frame in enumerate(frames):
@@ -104,17 +106,17 @@ class _Measurement(NamedTuple):
 
 
 def _measurements(
-    scene: bpy.types.Scene,
+    crowd: SceneCrowd,
     walk: Walk,
-    crowd: Crowd,
+    agents: Crowd,
     views: list[error_vs_runtime.View],
     repeats: int,
 ) -> dict[str, _Measurement]:
     """Return the tables to measure by name."""
-    policy = policy_of(scene.crowd_lod)
-    spheres = trajectory_of(scene).spheres
+    policy = crowd.policy
+    spheres = crowd.trajectory.spheres
     steps = error_vs_runtime.compare_behavior(
-        crowd, walk.machine, walk.world, walk.seconds_per_frame, repeats=repeats
+        agents, walk.machine, walk.world, walk.seconds_per_frame, repeats=repeats
     )
     drifts = error_vs_runtime.drifts()
     culling = error_vs_runtime.compare_culling(

@@ -22,7 +22,7 @@ from ..characters.cast_provenance import reading
 from ..render_setup import bake, frame_update, render_setup
 from ..scene import lights
 from ..scene.frame_plan import frame_of
-from ..scene.scene_crowd import read_crowd
+from ..scene.scene_crowd import SceneCrowd
 from ..scene.shot_reference import stored_plan
 from .lone_agents import LoneStage, Shown, lone_crop, sheet_of
 from .verify_build import MADE, Columns, ProvedBuild, columns_of_members, seen_by_kind
@@ -53,7 +53,7 @@ class Proof:
         for the proof.
     """
 
-    scene: bpy.types.Scene
+    crowd: SceneCrowd
     task: Verify
     folder: Path
     at: frame_stepping.At
@@ -61,6 +61,11 @@ class Proof:
     proved: ProvedBuild
     alone: LoneStage
     full: bpy.types.Collection | None = None
+
+    @property
+    def scene(self) -> bpy.types.Scene:
+        """The scene that is proved."""
+        return self.crowd.scene
 
     def prepare(self) -> Generator[float, None, None]:
         """Build the crowd at full detail, and with its LODs if no build is there.
@@ -70,10 +75,11 @@ class Proof:
         scene = self.scene
         settings = scene.crowd_lod
         every = range(2**31)
-        crowd = read_crowd(scene)
         others = every if self.proved.kind == MADE else ()
         # also of LODs that are left out to save memory: they are what is proved
-        yield from render_setup.build(crowd, [every, *[others] * (crowd.policy.count - 1)])
+        yield from render_setup.build(
+            self.crowd, [every, *[others] * (self.crowd.policy.count - 1)]
+        )
         bake.mark(scene, self.task.frames)  # with motion blur its points move by themselves
         render_setup.dress_all(scene)
         # it holds what is written here, not what the frame asks
@@ -100,14 +106,14 @@ class Proof:
         Returns (what is told of it, its pictures); see FrameParts.store.
         """
         scene = self.scene
-        crowd = read_crowd(scene)
-        trajectory = crowd.trajectory
+        trajectory = self.crowd.trajectory
         time = scene_data.remap(scene.render, number)
         yield from share(approach(trajectory, time), 0.0, 0.1)
         moment = lights.read_moment(scene, time, self.at)
+        self.at((), time)  # back from the times of the shutter: renders follow
         yield from standing(reading(scene), 0.1)
-        planned = frame_of(crowd.at_present_frame(), moment)
-        poses = frame_update.held_by(scene, trajectory, number, planned.crowd)
+        planned = frame_of(self.crowd.at_present_frame(), moment)
+        poses = frame_update.held_by(self.crowd, number, planned.crowd)
         rows = self.proved.rows(trajectory, planned, poses, number)
         agents_of, strangers = seen_by_kind(rows, len(planned.crowd))
         row = {

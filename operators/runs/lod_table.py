@@ -26,7 +26,7 @@ from ..lod_meshes.posed_shapes import Posed
 from ..lod_meshes.posed_surface import PosedSurface
 from ..lod_meshes.shaded_pictures import Body, alike, bodies_of
 from ..lod_meshes.worst_place import InPose, look_in_pose
-from ..scene.scene_crowd import characters_of, policy_of
+from ..scene.scene_crowd import SceneCrowd
 from . import lod_picture
 
 MOST_SHOWN = 12  # character groups whose silhouettes are measured and that have a picture
@@ -34,11 +34,7 @@ AZIMUTH = np.radians(35)  # of the picture's eye, from where the character faces
 
 
 def tables(
-    scene: bpy.types.Scene,
-    groups: Sequence[Group],
-    camera: Camera,
-    begins: np.ndarray,
-    folder: Path,
+    crowd: SceneCrowd, camera: Camera, begins: np.ndarray, folder: Path
 ) -> Generator[float, None, list[dict[str, Any]]]:
     """Describe the LODs of all groups: yield the progress, return a dict per group.
 
@@ -49,12 +45,11 @@ def tables(
     """
     entries = []
     file_names: set[str] = set()
-    settings = scene.crowd_lod
-    finest = policy_of(settings).finest or [0] * len(groups)
+    scene = crowd.scene
+    groups = crowd.trajectory.groups
+    finest = crowd.policy.finest or [0] * len(groups)
     pictured = len(groups[:MOST_SHOWN])
-    for g, (group, (_, objects, origin)) in enumerate(
-        zip(groups, characters_of(scene), strict=True)
-    ):
+    for g, (group, (_, objects, origin)) in enumerate(zip(groups, crowd.characters, strict=True)):
         character = _Pictured(scene, group, g, camera, begins[g], np.array(origin), objects)
         entry = {
             "group": group.name,

@@ -41,7 +41,7 @@ from ..overlay.draw_data import FRUSTUM
 from ..overlay.playblast import Playblast, need_gpu
 from ..scene import lights
 from ..scene.frame_plan import frame_of, moment_now
-from ..scene.scene_crowd import characters_of, read_crowd, trajectory_of
+from ..scene.scene_crowd import SceneCrowd, characters_of, read_crowd
 from ..settings import needs
 from ..shot.shot_plan import PlannedShot, plan_shot, shot_json, wanted_of, write_levels
 from ..sources.record_points import on_record
@@ -93,9 +93,10 @@ def preview(
             if sharing.part is None
             else Path(opened.enter_context(tempfile.TemporaryDirectory()))
         )
-        shot = yield from share(_planned_shot(on.stage, task, plan_folder), ready, ready + PLANNED)
+        crowd = read_crowd(on.stage)  # the LODs are there now
+        shot = yield from share(_planned_shot(crowd, task, plan_folder), ready, ready + PLANNED)
         ready += PLANNED * (shot is not None)
-        run = _begin(on, folder, opened)
+        run = _begin(crowd, on, folder, opened)
         lods, frames, legends = yield from _picture(run, sharing, ready)
         if sharing.part is not None:
             return {"frames": [frame["row"] for frame in frames]}
@@ -119,19 +120,17 @@ def _check(scene: bpy.types.Scene, task: Preview) -> None:
         need_gpu()
 
 
-def _begin(on: Staged, folder: Path, opened: contextlib.ExitStack) -> "_Run":
+def _begin(crowd: SceneCrowd, on: Staged, folder: Path, opened: contextlib.ExitStack) -> "_Run":
     """Return the run that pictures the stage's frames, until `opened` closes."""
     stage = on.stage
     stage.timeline_markers.clear()  # they would take the camera back in the picture from above
-    # nothing that this depends on changes from here on, and it reads the whole map
-    trajectory = trajectory_of(stage)
     shots: Playblast | Rendered
     if on.task.engine == "OVERLAY":
-        shots = opened.enter_context(Playblast(stage, trajectory, on.size))
+        shots = opened.enter_context(Playblast(crowd, on.size))
     else:
-        shots = Rendered(stage, on.task)
+        shots = Rendered(crowd, on.task)
     at = opened.enter_context(frame_stepping.step_frames(on.scene))
-    return _Run(on, folder, shots, at, top_view.drawing_in(stage))
+    return _Run(crowd, on, folder, shots, at, top_view.drawing_in(stage))
 
 
 def _picture(
@@ -142,18 +141,16 @@ def _picture(
     Returns (what is told of the LODs, what is told of each frame, see FrameParts.store, the
     legends of the pictures' colors).
     """
-    stage = run.on.stage
     frames = run.on.task.frames
-    parts = FrameParts(run.folder, state_of(stage, run.on.task))
+    parts = FrameParts(run.folder, state_of(run.crowd, run.on.task))
     lods = []
     legends = []
     with sharing.helped(run.folder, frames) as helpers:
         if sharing.part is None:  # while other processes make frames
             first = yield from standing(run.at_first(), ready)
-            groups = first.trajectory.groups
             legends = legends_of(run.on.task.color, first)
-            describing = lod_table.tables(stage, groups, first.camera, first.begins, run.folder)
-            work = LOD * lod_table.count_pictured(groups)
+            describing = lod_table.tables(run.crowd, first.camera, first.begins, run.folder)
+            work = LOD * lod_table.count_pictured(run.crowd.trajectory.groups)
             described = ready + (0.95 - ready) * work / (work + len(frames))
             lods = yield from share(describing, ready, described)
             ready = described
@@ -179,7 +176,7 @@ def _describe(
         leaves_out(run.on.scene) and LEFT_OUT,
         frame_stepping.describe_unbaked(run.on.scene),
     )
-    plan = yield from plan_json(run.on, command, rows, lods, tuple(filter(None, notes)))
+    plan = yield from plan_json(run.crowd, run.on, command, rows, lods, tuple(filter(None, notes)))
     plan["preview"]["verdict"] = settings.shot_verdict if follows_plan else ""
     return plan
 
@@ -228,7 +225,7 @@ def _with_levels(stage: bpy.types.Scene) -> Generator[float, None, float]:
 
 
 def _planned_shot(
-    stage: bpy.types.Scene, task: Preview, folder: Path
+    crowd: SceneCrowd, task: Preview, folder: Path
 ) -> Generator[float, None, PlannedShot | None]:
     """Plan the shot of the preview's frames, unless the scene has a plan: yield the progress,
     return it.
@@ -236,9 +233,9 @@ def _planned_shot(
     The stage then shows its LODs. None if there is nothing to plan: one frame, one LOD, or too
     much.
     """
-    settings = stage.crowd_lod
+    stage = crowd.scene
+    settings = crowd.settings
     frames = range(task.frames[0], task.frames[-1] + 1)
-    crowd = read_crowd(stage)
     most = MOST_PLANNED / max(len(crowd.trajectory.start), 1)
     if settings.shot_plan or crowd.policy.count < 2 or not 1 < len(frames) <= most:
         return None
@@ -253,12 +250,14 @@ def _planned_shot(
 class _Run:
     """A preview while it is made.
 
+    crowd: that of the stage.
     folder: where the files lie until all are made.
     at: steps the scene.
     drawing: shows the crowd from above.
     view: the camera above, once it is known.
     """
 
+    crowd: SceneCrowd
     on: Staged
     folder: Path
     shots: Playblast | Rendered
@@ -300,9 +299,7 @@ class _Run:
 
     def approach(self, number: int) -> Generator[float, None, None]:
         """Let the crowd walk on to the frame: yield the progress."""
-        return approach(
-            trajectory_of(self.on.stage), scene_data.remap(self.on.scene.render, number)
-        )
+        return approach(self.crowd.trajectory, scene_data.remap(self.on.scene.render, number))
 
     def at_first(self) -> Generator[float, None, Frame]:
         """Return the plan of the first frame; yield the progress of the way there."""

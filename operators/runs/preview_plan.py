@@ -1,21 +1,20 @@
 """plan.json of a preview: all that is needed to repeat the run, and its results."""
 
 from collections.abc import Generator, Sequence
+from functools import partial
 from typing import Any
-
-import bpy
 
 from ...crowd_lod.progress import aside
 from ...crowd_lod.validation.leave_out_timing import savings
 from ..blender import cameras
-from ..machine.scene_world import bias_of
 from ..scene import lights
-from ..scene.scene_crowd import policy_of, trajectory_of
+from ..scene.scene_crowd import SceneCrowd
 from ..shot.scene_json import scene_json
 from .preview_stage import ENGINES, Staged
 
 
 def plan_json(
+    crowd: SceneCrowd,
     staged: Staged,
     command: list[str],
     rows: list[dict],
@@ -31,9 +30,8 @@ def plan_json(
     characters: of lod_table.tables.
     notes: sentences on what the pictures show.
     """
-    stage = staged.stage
     task = staged.task
-    told = yield from scene_json(staged.scene, stage, command, task.frames[-1], characters)
+    told = yield from scene_json(crowd, staged.scene, command, task.frames[-1], characters)
     return told | {
         "preview": {
             "frames": task.frames,
@@ -43,13 +41,13 @@ def plan_json(
             "color": task.color,
             "notes": list(notes),
         },
-        "left_out": (yield from _left_out(stage, task.frames[-1], ENGINES[task.engine])),
+        "left_out": (yield from _left_out(crowd, task.frames[-1], ENGINES[task.engine])),
         "frames": rows,
     }
 
 
 def _left_out(
-    stage: bpy.types.Scene, number: int, engine: str
+    crowd: SceneCrowd, number: int, engine: str
 ) -> Generator[float, None, list[dict[str, Any]]]:
     """List what the scene did not need: yield between the steps, return dicts.
 
@@ -57,16 +55,16 @@ def _left_out(
 
     engine: what renders the pictures.
     """
+    stage = crowd.scene
     stage.render.engine = engine
-    trajectory = trajectory_of(stage)
-    settings = stage.crowd_lod
+    trajectory = crowd.trajectory
     stage.frame_set(number)
     yield 0.0
     eyes = cameras.read_cameras(stage, stage.view_layers[0].depsgraph)
-    bias = bias_of(settings)
     time = max(number, trajectory.first_frame + 2)
-    policy = policy_of(settings)
-    savings_of = yield from aside(lambda: savings(trajectory, eyes, policy, time, (), bias))
+    now = crowd.at_present_frame()
+    measuring = partial(savings, trajectory, eyes, now.policy, time, (), now.bias)
+    savings_of = yield from aside(measuring)
     measured = [
         {
             "stage": item.stage,

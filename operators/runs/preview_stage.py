@@ -16,7 +16,7 @@ from ..overlay.playblast import caption_size
 from ..render_setup import frame_update, render_setup, view_layers
 from ..render_setup.appended_builds import STAGE
 from ..render_setup.hidden_characters import shows_characters
-from ..scene.scene_crowd import read_crowd
+from ..scene.scene_crowd import SceneCrowd
 
 # What renders the pictures; the overlay's are drawn, and only the pictures of LODs rendered.
 ENGINES = {
@@ -158,9 +158,10 @@ class Rendered:
 
     notes = ()
 
-    def __init__(self, stage: bpy.types.Scene, task: Preview):
-        self.stage = stage
-        self.layer = stage.view_layers[0]
+    def __init__(self, crowd: SceneCrowd, task: Preview):
+        self.crowd = crowd
+        self.stage = crowd.scene
+        self.layer = self.stage.view_layers[0]
         self.task = task
         self.built = None
         tints = task.color in TINTED and task.engine != "WORKBENCH"
@@ -168,7 +169,7 @@ class Rendered:
         self.tinted_points: list[bpy.types.Object] = []
 
     def prepare(self) -> Iterator[float]:
-        yield from render_setup.build(read_crowd(self.stage))
+        yield from render_setup.build(self.crowd)
         # else it would follow each change of frame, and the frame's own times be those of a cache
         self.built = self.stage.crowd_lod.build
         self.stage.crowd_lod.build = None

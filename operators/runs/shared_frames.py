@@ -23,7 +23,7 @@ from ...crowd_lod.progress import share
 from ...crowd_lod.reporting import files, frame_parts
 from ...crowd_lod.reporting.frame_parts import FrameParts
 from ..blender import console
-from ..scene.scene_crowd import policy_of, trajectory_of
+from ..scene.scene_crowd import SceneCrowd
 
 LOOK = 0.2  # seconds between two looks whether other processes have ended
 OPENED = "prepared.blend"  # in the folder of the records: what other processes open
@@ -105,7 +105,7 @@ class Sharing:
 ALONE = Sharing()
 
 
-def state_of(scene: bpy.types.Scene, task: object) -> str:
+def state_of(crowd: SceneCrowd, task: object) -> str:
     """Return a digest of what the frames of a run follow from: the crowd, its LODs, and what is
     wanted.
 
@@ -114,8 +114,8 @@ def state_of(scene: bpy.types.Scene, task: object) -> str:
     options = {
         name: value for name, value in vars(task).items() if name not in ("folder", "frames")
     }
-    digest = hashlib.sha256(repr((policy_of(scene.crowd_lod), sorted(options.items()))).encode())
-    for name, data in sorted(trajectory_of(scene).digests().items()):
+    digest = hashlib.sha256(repr((crowd.policy, sorted(options.items()))).encode())
+    for name, data in sorted(crowd.trajectory.digests().items()):
         digest.update(f"{name} {len(data)}\0".encode() + data)
     return digest.hexdigest()
 

@@ -25,7 +25,7 @@ from ..characters.stored_groups import groups_of, store_groups
 from ..lod_meshes.make_lods import make_levels
 from ..render_setup import frame_update
 from ..scene.frame_plan import frame_of, moment_now
-from ..scene.scene_crowd import characters_of, read_crowd
+from ..scene.scene_crowd import SceneCrowd, characters_of, read_crowd
 from ..sources.record_points import on_record
 from .frame_proof import Proof
 from .lettering import labeled_sheet
@@ -80,10 +80,10 @@ def verify(
         proved = yield from standing(build_of(scene, frames_proved), 0.0)
         left_out += unlike_renders(scene, proved)
         size = _set_up(scene, task, proved, opened)
-        yield from _prepare_crowd(scene)
+        crowd = yield from _prepare_crowd(scene)
         sharing.save(folder)
         with frame_stepping.step_frames(scene) as at:
-            run = Proof(scene, task, folder, at, size, proved, LoneStage(scene, folder))
+            run = Proof(crowd, task, folder, at, size, proved, LoneStage(scene, folder))
             frames = yield from _prove_frames(run, sharing)
         yield 0.95
         if sharing.part is not None:
@@ -144,10 +144,11 @@ def _set_up(
     return size
 
 
-def _prepare_crowd(scene: bpy.types.Scene) -> Generator[float, None, None]:
-    """Measure the characters, and make LODs where there are none; yields the progress.
+def _prepare_crowd(scene: bpy.types.Scene) -> Generator[float, None, SceneCrowd]:
+    """Measure the characters, and make LODs where there are none.
 
-    CrowdError if something is wrong with the scene: it is said before the work begins.
+    Yields the progress and returns the crowd. CrowdError if something is wrong with the scene: it
+    is said before the work begins.
     """
     settings = scene.crowd_lod
     store_groups(settings, (yield from standing(measuring_groups(scene), 0.0)))
@@ -156,12 +157,14 @@ def _prepare_crowd(scene: bpy.types.Scene) -> Generator[float, None, None]:
     frame_of(crowd, moment_now(scene, scene.view_layers[0].depsgraph))
     if settings.levels is None:
         yield from share(make_levels(scene), 0.0, LODS_MADE)
+        crowd = read_crowd(scene)  # its groups have LODs now
+    return crowd
 
 
 def _prove_frames(run: Proof, sharing: Sharing) -> Generator[float, None, list[dict[str, Any]]]:
     """Prove the frames: yield the progress, return what is told of each (see FrameParts.store)."""
     frames = run.task.frames
-    parts = FrameParts(run.folder, state_of(run.scene, run.task))
+    parts = FrameParts(run.folder, state_of(run.crowd, run.task))
     with sharing.helped(run.folder, frames) as helpers:
         making = make_frames(parts, frames, sharing, run.prepare, run.prove, helpers)
         return (yield from share(making, LODS_MADE, 0.95))

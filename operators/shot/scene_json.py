@@ -22,28 +22,28 @@ from ..blender import cameras, scene_data
 from ..lod_meshes.make_lods import TINTS
 from ..machine import terrain_source
 from ..machine.scene_world import machine_of
-from ..scene.scene_crowd import policy_of, trajectory_of
+from ..scene.scene_crowd import SceneCrowd
 from ..scene.stuck_agents import find
 from ..settings.budgets import budget_of, budget_words
 
 
 def scene_json(
+    crowd: SceneCrowd,
     scene: bpy.types.Scene,
-    stage: bpy.types.Scene,
     command: list[str],
     last: int,
     characters: list[dict],
 ) -> Generator[float, None, dict[str, Any]]:
     """Make what plan.json tells of a scene and its crowd: yield between the steps, return the dict.
 
-    stage: the scene with the settings that count; `scene` itself, or a copy of it.
+    crowd: that of `scene`, or of a copy of it whose settings count.
     command: the command line of the run.
     last: frame of the timeline.
     characters: of lod_table.tables.
     """
-    settings = stage.crowd_lod
-    trajectory = trajectory_of(stage)
-    meters = scene_data.meters(stage)
+    settings = crowd.settings
+    trajectory = crowd.trajectory
+    meters = scene_data.meters(crowd.scene)
     troubles = yield from aside(lambda: find(trajectory, meters))
     return {
         "version": tables.PLAN_VERSION,
@@ -55,7 +55,7 @@ def scene_json(
             "numpy": np.__version__,
         },
         "scene": _scene_of(scene),
-        "crowd": crowd_json(settings, trajectory),
+        "crowd": crowd_json(crowd),
         "map": _map_of(settings, trajectory),
         "height": {
             "image": settings.height_image.name if settings.height_image else None,
@@ -67,7 +67,7 @@ def scene_json(
         "trouble": troubles.rows,
         "trouble_says": troubles.sentence,
         "camera": cameras.bound_camera(scene, scene_data.remap(scene.render, last)).name,
-        "levels": _levels_of(stage, characters),
+        "levels": _levels_of(crowd, characters),
     }
 
 
@@ -94,10 +94,12 @@ def _scene_of(scene: bpy.types.Scene) -> dict[str, Any]:
     }
 
 
-def crowd_json(settings, trajectory: Trajectory) -> dict[str, Any]:
+def crowd_json(crowd: SceneCrowd) -> dict[str, Any]:
     """Return what plan.json tells of the crowd: its source, area and counts, as plain data."""
+    settings = crowd.settings
+    trajectory = crowd.trajectory
     area = trajectory.area
-    meters = scene_data.meters(settings.id_data)
+    meters = scene_data.meters(crowd.scene)
     return {
         "count": len(trajectory.parts[0].start),
         "seed": settings.seed,
@@ -110,19 +112,19 @@ def crowd_json(settings, trajectory: Trajectory) -> dict[str, Any]:
         "forward": settings.forward,
         "first_frame": settings.first_frame,
         "frames_per_second": 1 / trajectory.seconds_per_frame,
-        "groups": [asdict(group.scaled(meters)) for group in trajectory.groups],
+        "groups": [asdict(group) for group in crowd.groups_in_meters],
     }
 
 
-def _levels_of(stage: bpy.types.Scene, characters: list[dict]) -> dict[str, Any]:
-    settings = stage.crowd_lod
-    policy = policy_of(stage.crowd_lod)
+def _levels_of(crowd: SceneCrowd, characters: list[dict]) -> dict[str, Any]:
+    settings = crowd.settings
+    policy = crowd.policy
     return {
-        "margin": policy.margin and policy.margin * scene_data.meters(stage),
+        "margin": policy.margin and policy.margin * scene_data.meters(crowd.scene),
         "tolerance": policy.tolerance,
         "budget": budget_words(settings) if budget_of(settings) != Budget() else None,
         "shading_counts": policy.shading,
-        "pixels": cameras.image_size(stage.render),
+        "pixels": cameras.image_size(crowd.scene.render),
         "ratios": [round(r, 6) for r in settings.ratios[: policy.count]]
         if policy.tolerance is None
         else None,

@@ -81,6 +81,7 @@ class PlanRequest:
 class PlannedShot:
     """A planned shot, what it was planned for, and what its report tells."""
 
+    crowd: SceneCrowd
     shot: Shot
     plan: BudgetPlan
     stored: plan_file.StoredPlan
@@ -145,7 +146,7 @@ def _plan_ready(crowd: SceneCrowd, request: PlanRequest) -> Generator[float, Non
         cast=(yield from standing(aside(lambda: needed_meshes(shot, plan.bill.agents_shown)), 1.0)),
         blend_file=printable(Path(bpy.data.filepath).name),
     )
-    return PlannedShot(shot, plan, stored, report, request, exemptions, points)
+    return PlannedShot(crowd, shot, plan, stored, report, request, exemptions, points)
 
 
 def _shot_of(crowd: SceneCrowd, survey: Survey) -> Generator[float, None, Shot]:
@@ -210,15 +211,15 @@ def ready(scene: bpy.types.Scene) -> Generator[float, None, SceneCrowd]:
 
 
 def write_plan(
-    scene: bpy.types.Scene, folder: Path, planned: PlannedShot, command: list[str]
+    folder: Path, planned: PlannedShot, command: list[str]
 ) -> Generator[float, None, dict[str, Any]]:
     """Write the plan's files into `folder`: yield the progress, return the content of plan.json.
 
     command: the command line of the run.
     """
-    content = yield from standing(
-        scene_json(scene, scene, command, int(planned.stored.numbers[-1]), []), 0.0
-    )
+    last = int(planned.stored.numbers[-1])
+    telling = scene_json(planned.crowd, planned.crowd.scene, command, last, [])
+    content = yield from standing(telling, 0.0)
     yield from steps_aside(_writing(folder, planned, content))
     return content
 
@@ -335,7 +336,7 @@ def plan_of_settings(scene: bpy.types.Scene) -> Generator[float, None, str]:
     with files.staged(folder, plan_file.NAME) as part:
         request = wanted_of(scene, folder, scene_data.frames_of(scene))
         planned = yield from share(plan_shot(scene, request), 0.0, PLANNED)
-        yield from share(write_plan(scene, part, planned, ["sidebar"]), PLANNED, 1.0)
+        yield from share(write_plan(part, planned, ["sidebar"]), PLANNED, 1.0)
     settings.shot_plan = f"{place}/{plan_file.NAME}"
     settings.use_shot_plan = True
     return f"{sentence(planned)} The plan is in {place_of(folder)}."

@@ -195,7 +195,7 @@ def _instances(
     for count, (number, plan) in enumerate(plans.items()):
         time = scene_data.remap(scene.render, number)
         yield from share(approach(trajectory, time), count / len(plans), (count + 0.9) / len(plans))
-        crowd_held = held_by(scene, trajectory, number, trajectory.at(time))
+        crowd_held = held_by(crowd, number, trajectory.at(time))
         columns = columns_of(trajectory, crowd_held.crowd, crowd_held, agents, library)
         level = np.zeros(len(agents), np.float32)
         lean = [columns.get(name, level) for name in ("pitch", "roll")]

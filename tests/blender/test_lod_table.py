@@ -31,9 +31,7 @@ from ..support.scene_frames import frame_now
 def tables_of(scene, folder):
     """The tables of `scene` as its camera sees it, and the frame."""
     frame = frame_now(scene, bpy.context.evaluated_depsgraph_get())
-    steps = lod_table.tables(
-        scene, scene_crowd.trajectory_of(scene).groups, frame.camera, frame.begins, folder
-    )
+    steps = lod_table.tables(scene_crowd.read_crowd(scene), frame.camera, frame.begins, folder)
     progress = []
     while True:
         try:

@@ -209,7 +209,9 @@ def test_who_waits_in_the_station_plays_another_action_of_the_three_groups():
         [action.name for action in group.actions] == ["idle"] for group in groups
     )
     trajectory = scene_crowd.trajectory_of(scene, groups)
-    assert '"idle"' in tables.to_json(scene_json.crowd_json(scene.crowd_lod, trajectory))
+    assert '"idle"' in tables.to_json(
+        scene_json.crowd_json(scene_crowd.read_crowd(scene, groups=groups))
+    )
     crowd = trajectory.at(50)
     assert set(crowd.group) == {0, 1, 2}
     waiting = slice(-scene.crowd_lod.crowds[0].count, None)

@@ -17,7 +17,7 @@ from crowd_lod_extension.operators.characters.stored_groups import groups_of
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.overlay import hud
-from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
+from crowd_lod_extension.operators.scene.scene_crowd import read_crowd, trajectory_of
 from crowd_lod_extension.operators.shot.scene_json import crowd_json
 from crowd_lod_extension.operators.usd.openusd import openusd
 from crowd_lod_extension.sample_scenes.characters import make_characters
@@ -191,7 +191,7 @@ def figures(scene, scale, source, folder):
     for name in ("center", "radius", "stride", "deviations", "bounds", "diagonal"):
         arrays[name] = np.array([getattr(group.scaled(scale), name) for group in groups])
     trajectory = trajectory_of(scene)
-    area = crowd_json(scene.crowd_lod, trajectory)["area"]
+    area = crowd_json(read_crowd(scene))["area"]
     arrays["area"] = np.array([*area["x"], *area["y"], area["z"]])
     arrays["paces"] = trajectory.gaits.paces.speeds * scale
     return arrays, texts

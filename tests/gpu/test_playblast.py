@@ -16,6 +16,7 @@ from crowd_lod_extension.operators.overlay import playblast
 from crowd_lod_extension.operators.overlay.draw_data import Style, drawing
 from crowd_lod_extension.operators.overlay.gpu_batches import Batches, Cast
 from crowd_lod_extension.operators.overlay.gpu_draw import paint
+from crowd_lod_extension.operators.scene.scene_crowd import SceneCrowd
 
 from ..support.coarse_characters import coarsen
 from ..support.scene_frames import frame_now
@@ -197,7 +198,7 @@ def test_the_pictures_show_what_renders_show_and_only_that(tmp_path):
     stage = scene.copy()
     try:
         stage.frame_set(2)
-        with playblast.Playblast(stage, None, SIZE) as drawn:
+        with playblast.Playblast(SceneCrowd(stage, None, None), SIZE) as drawn:
             drawn.above(tmp_path / "drawn.png", "")
     finally:
         bpy.data.scenes.remove(stage)
