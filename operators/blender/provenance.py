@@ -19,7 +19,7 @@ from ...crowd_lod.progress import finished
 from . import mesh_data, scene_cache, scene_data
 from .animation import curves_and_drivers, players_of
 from .guard import handler
-from .references import blocks_of, closure_of
+from .references import blocks_of
 from .rig_dependencies import (
     moved_values,
     moves_whole,
@@ -90,7 +90,7 @@ def character_digest(
     actions: returns what else it plays, to compare as text.
     """
 
-    def read() -> list:
+    def read(_) -> list:
         items = sorted(objects, key=object_digest)
         palette = palette_of(items)
         materials = [[palette[slot.material] for slot in item.material_slots] for item in items]
@@ -109,8 +109,8 @@ def character_motion(
     actions: as for character_digest.
     """
 
-    def read() -> list:
-        movers = closure_of(objects, look=False)
+    def read(blocks: Sequence[bpy.types.ID]) -> list:
+        movers = [block for block in blocks if isinstance(block, bpy.types.Object)]
         shapes = {mover.data for mover in movers}
 
         def place(mover: bpy.types.Object) -> tuple[str, str]:
@@ -118,7 +118,8 @@ def character_motion(
             return object_digest(mover, shapes), object_digest(mover)
 
         order = {mover: f"object {k:04}" for k, mover in enumerate(sorted(movers, key=place))}
-        return [stance(*objects, called=lambda block: _stand_in(block, order)), actions()]
+        called = partial(_stand_in, order=order)
+        return [stance(*objects, called=called, blocks=blocks), actions()]
 
     return _digest_of("motion", objects, read, partial(blocks_of, look=False))
 
@@ -153,7 +154,7 @@ def level_digest(home: bpy.types.Collection, characters: Sequence[bpy.types.Obje
     palette = palette_of(characters)
     shared = {item.data for item in characters}
 
-    def read() -> list:
+    def read(_) -> list:
         objects = []
         for item in home.objects:
             materials = [slot.material for slot in item.material_slots]
@@ -199,21 +200,22 @@ def _nameless(block: bpy.types.ID | None) -> str:
 def _digest_of(
     kind: str,
     items: Sequence[bpy.types.Object],
-    read: Callable[[], list],
-    follow: Callable,
+    read: Callable[[Sequence[bpy.types.ID]], list],
+    follow: Callable[[Sequence[bpy.types.Object]], Sequence[bpy.types.ID]],
     *more,
 ) -> str:
     """Return the digest of what `read` returns; the known one where nothing has changed.
 
     kind: of digest, of which the items have several.
-    follow: items -> all data-blocks that are read.
+    follow: items -> all data-blocks that are read, which `read` gets.
     more: what else the digest depends on.
     """
     key = kind, *(item.session_uid for item in items)
     stamp = ([_print(item) for item in items], more)
     latest = _known.get(key)
     if latest is None or latest.print != stamp:
-        latest = _known[key] = _Known(text_digest(read()), stamp, frozenset(_uids(follow(items))))
+        blocks = follow(items)
+        latest = _known[key] = _Known(text_digest(read(blocks)), stamp, frozenset(_uids(blocks)))
     return latest.digest
 
 

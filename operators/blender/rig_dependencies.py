@@ -1,6 +1,6 @@
 """How characters are set up and what moves them, as facts to compare as text."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -119,6 +119,8 @@ def read_columns(
     return contents
 
 
+# By a struct and prefixes, see _kinds_of.
+_kinds: dict[tuple[str, tuple[str, ...]], list[tuple[str, str]]] = {}
 Called = Callable[[bpy.types.ID | None], str]
 
 
@@ -152,15 +154,20 @@ def _read(target: bpy.types.DriverTarget, called: Called) -> tuple:
     return called(block), path, value, place
 
 
-def stance(*items: bpy.types.Object, called: Called = full_name) -> list:
+def stance(
+    *items: bpy.types.Object,
+    called: Called = full_name,
+    blocks: Sequence[bpy.types.ID] = (),
+) -> list:
     """Return how `items` and everything they are made of are set up, to compare as text.
 
     The list holds poses, settings, shapes and animation, except values that animation or drivers
     change. Rigs whose lists print alike move alike.
 
     called: what the list has for the name of a data-block, which may be None; it is sorted by that.
+    blocks: all that they are made of, if it is at hand: blocks_of.
     """
-    blocks = blocks_of(items, look=False)
+    blocks = blocks or blocks_of(items, look=False)
     facts = sorted(
         (
             read_tree(tree, called)
@@ -332,30 +339,50 @@ def settings_of(
     with suppress(ValueError):
         path = struct.path_from_id() if moved else ""
     facts = [getattr(struct, "type", None)]
-    for name, kind in struct.bl_rna.properties.items():
-        passing = (
-            name in OF_THE_WINDOW
-            or name.startswith(PASSING)
-            or (kind.type == "STRING" and kind.subtype in PATHS)
-        )
-        if (
-            kind.type == "COLLECTION"
-            or kind.is_readonly
-            or (not name.startswith(prefixes) if prefixes else passing)
-        ):
-            continue
+    for name, kind in _kinds_of(struct.bl_rna, prefixes):
         value = getattr(struct, name)
-        place = f"{path}.{name}" if path else name
-        if isinstance(value, bpy.types.ID):
-            facts.append((name, called(value)))
-        elif kind.type == "ENUM" and kind.is_enum_flag:
+        if kind == "POINTER":
+            if isinstance(value, bpy.types.ID):
+                facts.append((name, called(value)))
+        elif kind == "FLAGS":
             facts.append((name, sorted(value)))
-        elif kind.type != "POINTER":
-            values = np.ravel(value).tolist() if getattr(kind, "is_array", False) else [value]
-            facts.append(
-                (name, [None if (place, k) in moved else each for k, each in enumerate(values)])
-            )
+        else:
+            values = np.ravel(value).tolist() if kind == "ARRAY" else [value]
+            if moved:
+                place = f"{path}.{name}" if path else name
+                values = [None if (place, k) in moved else each for k, each in enumerate(values)]
+            facts.append((name, values))
     facts += [
         (called(target.target), target.subtarget) for target in getattr(struct, "targets", ())
     ]
     return tuple(facts)
+
+
+def _kinds_of(struct: bpy.types.Struct, prefixes: tuple[str, ...]) -> list[tuple[str, str]]:
+    """Return (name, kind) of the settings to read: POINTER, FLAGS, ARRAY or another.
+
+    They are kept: to look through the properties of each bone took a third of a character's digest.
+    """
+    key = struct.identifier, prefixes
+    if key not in _kinds:
+        _kinds[key] = [
+            (name, _kind_of(each))
+            for name, each in struct.properties.items()
+            if each.type != "COLLECTION"
+            and not each.is_readonly
+            and (name.startswith(prefixes) if prefixes else not _passes(each))
+        ]
+    return _kinds[key]
+
+
+def _kind_of(setting: bpy.types.Property) -> str:
+    if setting.type == "ENUM" and setting.is_enum_flag:
+        return "FLAGS"
+    return "ARRAY" if getattr(setting, "is_array", False) else setting.type
+
+
+def _passes(setting: bpy.types.Property) -> bool:
+    """Return whether the setting changes no shape."""
+    name = setting.identifier
+    is_path = setting.type == "STRING" and setting.subtype in PATHS
+    return name in OF_THE_WINDOW or name.startswith(PASSING) or is_path
