@@ -25,7 +25,7 @@ from ..machine.scene_world import check_maps
 from ..scene.scene_crowd import read_crowd
 from ..settings import needs
 from ..settings.budgets import budget_of, limits_levels
-from ..sources.crowd_parts import measured_parts, note_crowd
+from ..sources.crowd_parts import measured_parts, note_measured
 from ..sources.record_points import with_record
 from . import selection
 from .candidates import CANDIDATE, Ladder
@@ -112,7 +112,7 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
     _show_nowhere(scene, top)
     settings.dropped = "\n".join(_describe_dropped(ladders, choice.dropped))
     note_lods(scene, made_for)
-    note_crowd(scene, measured)
+    note_measured(scene, measured)
     settings.memory_tolerance = choice.tolerance
     settings.memory_made = settings.memory
     settings.estimate = ""

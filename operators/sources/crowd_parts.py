@@ -7,7 +7,7 @@ import bpy
 
 from ...crowd_lod.errors import CrowdError
 from ..blender import provenance
-from ..characters.cast_provenance import motions
+from ..characters.cast_provenance import MOTION, motions
 from ..characters.characters import all_characters
 from ..machine.terrain_source import terrain_digest
 from .crowd_sources import crowds_of
@@ -38,8 +38,18 @@ def crowd_made_of(scene: bpy.types.Scene) -> dict[str, str]:
 
 
 def note_crowd(scene: bpy.types.Scene, parts: Mapping[str, str]) -> None:
-    """Keep what the crowd was made of; what `parts` does not name stays as it was kept."""
-    provenance.keep(scene, MADE_OF, provenance.read_inputs(scene, MADE_OF) | dict(parts))
+    """Keep what the crowd was made of: crowd_parts, as Populate began."""
+    provenance.keep(scene, MADE_OF, parts)
+
+
+def note_measured(scene: bpy.types.Scene, parts: Mapping[str, str]) -> None:
+    """Keep what the groups were measured of: measured_parts; the ground stays as Populate read it."""
+    ground = {
+        name: digest
+        for name, digest in provenance.read_inputs(scene, MADE_OF).items()
+        if not name.startswith(MOTION)
+    }
+    provenance.keep(scene, MADE_OF, ground | dict(parts))
 
 
 def _digest_groups(groups: Iterable) -> str:

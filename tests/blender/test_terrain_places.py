@@ -195,6 +195,10 @@ def test_a_change_of_the_terrain_or_of_the_places_is_told(scene):
     assert changed_since_populate(scene) == []
     settings.count += 1
     assert changed_since_populate(scene) == ["the start places"]
+    settings.terrain_object = None
+    assert changed_since_populate(scene) == ["the start places", "the terrain"]
+    populated(scene)
+    assert changed_since_populate(scene) == []
 
 
 def test_holes_and_moving_terrain_are_told(scene, capfd):
