@@ -10,7 +10,7 @@ import numpy as np
 from ...crowd_lod.culling.occluders import Occluders, Shape, join_occluders, shape_of_mesh
 from . import scene_cache
 from .mesh_data import read_triangles
-from .opacity import is_opaque
+from .opacity import hides_in_all_engines
 from .render_evaluation import shows_alike
 from .scenery import Placed, Scenery, matrix_of
 
@@ -296,10 +296,10 @@ def _opaque_mesh(
         evaluated.to_mesh_clear()
     overrides = [layer.material_override for layer in layers if layer.material_override]
     if overrides:
-        is_solid = np.full(1, all(map(is_opaque, overrides)))
+        is_solid = np.full(1, all(map(hides_in_all_engines, overrides)))
     else:
         materials = [slot.material for slot in evaluated.material_slots]
-        is_solid = np.array([is_opaque(material) for material in materials or [None]])
+        is_solid = np.array([hides_in_all_engines(material) for material in materials or [None]])
     solid = triangles[is_solid[np.clip(slots[faces], 0, len(is_solid) - 1)]]
     digest = hashlib.blake2b(points.tobytes(), digest_size=16)
     digest.update(solid.tobytes())

@@ -13,6 +13,7 @@ OPAQUE = {
     "BSDF_SHEEN",
     "BSDF_TOON",
     "BSDF_TRANSLUCENT",
+    "EEVEE_SPECULAR",
     "EMISSION",
     "SUBSURFACE_SCATTERING",
 }
@@ -20,10 +21,23 @@ MIXES = {"MIX_SHADER", "ADD_SHADER", "REROUTE"}
 
 
 def is_opaque(material: bpy.types.Material | None) -> bool:
-    """Return whether no ray of a camera gets through a surface of the material, in any engine.
+    """Return whether no ray of a camera gets through the material, where its surface is seen.
 
-    Materials that are animated, that move their surface or that show one side alone do not count
-    as opaque.
+    What its outputs get decides: a node that leads to none does not count.
+    """
+    if material is None:
+        return True
+    tree = used_nodes(material)
+    if tree is None:
+        return material.diffuse_color[3] == 1
+    outputs = _outputs(tree)
+    return bool(outputs) and all(_blocks(node.inputs["Surface"]) for node in outputs)
+
+
+def hides_in_all_engines(material: bpy.types.Material | None) -> bool:
+    """Return whether a surface of the material hides what is behind it, in any engine and frame.
+
+    Materials that are animated, that move their surface or that show one side alone do not.
     """
     if material is None:
         return True
@@ -35,22 +49,26 @@ def is_opaque(material: bpy.types.Material | None) -> bool:
         or (tree is not None and tree.animation_data)
     ):
         return False
-    if tree is None:
-        return True
-    outputs = [node for node in tree.nodes if node.type == "OUTPUT_MATERIAL" and not node.mute]
     bumps = material.displacement_method == "BUMP"
-    return bool(outputs) and all(
-        not node.inputs["Volume"].is_linked
-        and (bumps or not node.inputs["Displacement"].is_linked)
-        and _blocks(node.inputs["Surface"])
-        for node in outputs
+    stays = all(
+        not node.inputs["Volume"].is_linked and (bumps or not node.inputs["Displacement"].is_linked)
+        for node in (_outputs(tree) if tree is not None else ())
     )
+    return stays and is_opaque(material)
+
+
+def _outputs(tree: bpy.types.NodeTree) -> list[bpy.types.Node]:
+    return [node for node in tree.nodes if node.type == "OUTPUT_MATERIAL" and not node.mute]
 
 
 def _blocks(socket: bpy.types.NodeSocket) -> bool:
-    """Return whether the shader that `socket` gets lets no ray through."""
+    """Return whether the shader, or the color that shines, that `socket` gets lets no ray
+    through.
+    """
     links = [link for link in socket.links if not link.is_muted]
-    return len(links) == 1 and _node_blocks(links[0].from_node)
+    if len(links) != 1:
+        return False
+    return links[0].from_socket.type != "SHADER" or _node_blocks(links[0].from_node)
 
 
 def _node_blocks(node: bpy.types.Node) -> bool:

@@ -42,7 +42,7 @@ def add_command(  # noqa: PLR0913 - what a command is
         epilog=f"example: {program} {example}",
     )
     command.set_defaults(does=name, run=run, settings=())
-    command.add_argument("--quiet", action="store_true", help="no progress bar")
+    command.add_argument("--quiet", action="store_true", help="no progress")
     command.add_argument(
         "--json",
         action="store_true",

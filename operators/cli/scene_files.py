@@ -4,7 +4,7 @@ import contextlib
 import sys
 import threading
 import time
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from pathlib import Path
 
 import bpy
@@ -18,6 +18,9 @@ from ...crowd_lod.time_left import TimeLeft
 from ..blender import console
 from ..blender.output_folders import output_file
 from ..blender.steps import leave_edit_mode
+
+LINE = 10.0  # seconds between two lines of progress
+Show = Callable[[float, str], None]  # (progress, time left in words)
 
 
 def open_scene(name: str | None) -> bpy.types.Scene:
@@ -80,22 +83,15 @@ def save(part: Path, path: Path, compress: bool = False) -> None:
 
 
 def finish(steps: Generator[float, None, Made], title: str, quiet: bool) -> Made:
-    """Run a progress generator with a bar on stderr, and return its result.
+    """Run a progress generator, show the progress on stderr, and return its result.
 
-    Ctrl-C ends it between two steps.
+    A terminal gets a bar; a file or a pipe a line every LINE seconds. Ctrl-C ends the steps between
+    two of them.
     """
     with contextlib.ExitStack() as stack:
         check = stack.enter_context(interrupt.held())
         stack.callback(steps.close)
-        bar = None
-        if not quiet:
-            with contextlib.suppress(ImportError):  # without it there is no bar
-                from tqdm import tqdm
-
-                # tqdm's own lock is shared by processes, and Python would warn that it is leaked
-                tqdm.set_lock(threading.RLock())
-                template = "{desc} {percentage:3.0f}%|{bar}| {elapsed}{postfix}"
-                bar = stack.enter_context(tqdm(total=100, desc=title, bar_format=template))
+        show = None if quiet else _bar(stack, title) if sys.stderr.isatty() else _lines(title)
         time_left = TimeLeft()
         begun = time.monotonic()
         while True:
@@ -104,7 +100,36 @@ def finish(steps: Generator[float, None, Made], title: str, quiet: bool) -> Made
                 progress = next(steps)
             except StopIteration as end:
                 return end.value
-            if bar is not None:
-                words = time_left.words(progress, time.monotonic() - begun)
-                bar.set_postfix_str(words.removeprefix(", "), refresh=False)
-                bar.update(100 * progress - bar.n)
+            if show is not None:
+                show(progress, time_left.words(progress, time.monotonic() - begun))
+
+
+def _bar(stack: contextlib.ExitStack, title: str) -> Show | None:
+    """Return what draws the progress as a bar until the `stack` closes; None without tqdm."""
+    try:
+        from tqdm import tqdm
+    except ImportError:
+        return None
+    # tqdm's own lock is shared by processes, and Python would warn that it is leaked
+    tqdm.set_lock(threading.RLock())
+    template = "{desc} {percentage:3.0f}%|{bar}| {elapsed}{postfix}"
+    bar = stack.enter_context(tqdm(total=100, desc=title, bar_format=template))
+
+    def show(progress: float, left: str) -> None:
+        bar.set_postfix_str(left.removeprefix(", "), refresh=False)
+        bar.update(100 * progress - bar.n)
+
+    return show
+
+
+def _lines(title: str) -> Show:
+    """Return what prints the progress as a line every LINE seconds."""
+    due = time.monotonic() + LINE
+
+    def show(progress: float, left: str) -> None:
+        nonlocal due
+        if time.monotonic() >= due:
+            due = time.monotonic() + LINE
+            print(f"{title}: {progress:.0%}{left}", file=sys.stderr, flush=True)
+
+    return show

@@ -8,9 +8,9 @@ import numpy as np
 
 from ..blender import mesh_data
 from ..blender.named_actions import own_performance
+from ..blender.opacity import is_opaque
 from ..blender.performance import Performance
 from ..blender.render_evaluation import as_rendered
-from .opacity import hiding_slots
 from .surface import Surface, has_area
 
 
@@ -94,7 +94,7 @@ def _shape(objects: list[bpy.types.Object], depsgraph: bpy.types.Depsgraph) -> S
     for item in objects:
         evaluated = item.evaluated_get(depsgraph)
         corners, faces, slots = mesh_data.world_faces(evaluated)
-        opaque = np.array(hiding_slots(item, evaluated))
+        opaque = np.array(_hiding_slots(item, evaluated))
         points.append(corners)
         triangles.append(faces + begins[-1])
         hiding.append(opaque[slots.clip(0, len(opaque) - 1)])
@@ -124,3 +124,12 @@ def read_shapes(
             performance.rest()
             yield len(shapes) / len(frames)
     return shapes
+
+
+def _hiding_slots(item: bpy.types.Object, evaluated: bpy.types.Object) -> list[bool]:
+    """Return for each material slot of an object whether its faces hide what is behind them.
+
+    One value if there is no slot. What the camera does not see hides nothing.
+    """
+    hides = item.visible_camera
+    return [hides and is_opaque(slot.material) for slot in evaluated.material_slots] or [hides]

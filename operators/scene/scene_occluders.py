@@ -9,7 +9,7 @@ from ...crowd_lod.culling.occluders import Occluders, join_occluders
 from ..blender import frame_stepping
 from ..blender.mesh_data import SHOWN
 from ..blender.occluders import read_occluders
-from ..blender.opacity import is_opaque
+from ..blender.opacity import hides_in_all_engines
 from ..blender.ownership import OWNED
 from ..blender.provenance import character_digest, text_digest
 from ..blender.scenery import Scenery
@@ -94,7 +94,10 @@ def scenery_digest(scene: bpy.types.Scene) -> dict[str, str]:
     }
     sorted_items = sorted(items, key=lambda item: item.name_full)
     looks = [(item.name_full, *map(repr, _flags(item))) for item in sorted_items]
-    opaque = [[is_opaque(slot.material) for slot in item.material_slots] for item in sorted_items]
+    opaque = [
+        [hides_in_all_engines(slot.material) for slot in item.material_slots]
+        for item in sorted_items
+    ]
     return {"the scenery": text_digest(character_digest(sorted_items), looks, opaque)}
 
 

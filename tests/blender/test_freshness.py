@@ -7,6 +7,7 @@ import bpy
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import sidebar_answers
+from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.freshness.artifacts import (
     CROWD,
     PROOF,
@@ -20,7 +21,11 @@ from crowd_lod_extension.operators.runs.update_all import due_steps, update_all
 from crowd_lod_extension.operators.ui import steps
 
 from ..support.characters import character, new, rig, skin, tube
-from ..support.freshness import changed_since_make, changed_since_populate
+from ..support.freshness import (
+    changed_since_build,
+    changed_since_make,
+    changed_since_populate,
+)
 
 DOCS = Path(__file__).parents[2] / "docs"
 FIRST = "crowd_lod.populate", "crowd_lod.make_levels", "crowd_lod.plan_shot", "crowd_lod.build"
@@ -148,6 +153,20 @@ def test_before_the_first_populate_there_is_no_crowd(small_shot):
     character(new("Tube", tube("Tube", 16, 12)))
     assert reasons(small_shot)[CROWD.operator] == "there is no crowd"
     assert steps.next_operator(small_shot) == CROWD.operator
+
+
+@pytest.mark.once
+def test_what_the_command_builds_says_what_has_changed(shot, tmp_path):
+    for more in ((), ("--bake",)):
+        bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
+        out = tmp_path / f"out{len(more)}.blend"
+        words = ["build", str(tmp_path / "shot.blend"), "--out", str(out), "--quiet", *more]
+        assert commands.run_command(words, "crowd-lod") == 0
+        bpy.ops.wm.open_mainfile(filepath=str(out))
+        built = bpy.context.scene
+        assert changed_since_build(built) == []
+        built.crowd_lod.seed += 1
+        assert changed_since_build(built) == ["the crowd"]
 
 
 @pytest.mark.once

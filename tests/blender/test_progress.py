@@ -9,6 +9,7 @@ import bpy
 import pytest
 from crowd_lod_extension.crowd_lod.time_left import TimeLeft
 from crowd_lod_extension.operators.blender import scene_cache
+from crowd_lod_extension.operators.cli import scene_files
 from crowd_lod_extension.operators.render_setup.bake import bake
 from crowd_lod_extension.operators.render_setup.buttons import prepared
 from crowd_lod_extension.operators.runs.error_report import error
@@ -98,3 +99,19 @@ def test_a_time_left_that_the_progress_contradicts_is_a_least_one():
     assert left.words(0.2, 16) == ", at least 37 s left"  # a whole of 80 s, not 200
     assert left.words(0.5, 40) == ", about 40 s left"  # what was said long ago counts no more
     assert left.words(0.5, 60) == ""  # a whole of 80 or of 120 s: it may end at once
+
+
+@pytest.mark.once
+def test_a_pipe_gets_lines_and_no_more_than_one_in_ten_seconds(monkeypatch, capfd):
+    def steps():
+        yield from (0.1, 0.5, 0.9)
+        return "made"
+
+    assert scene_files.finish(steps(), "plan of plaza", quiet=False) == "made"
+    assert capfd.readouterr().err == ""
+    monkeypatch.setattr(scene_files, "LINE", 0.0)
+    assert scene_files.finish(steps(), "plan of plaza", quiet=False) == "made"
+    lines = ["plan of plaza: 10%", "plan of plaza: 50%", "plan of plaza: 90%"]
+    assert capfd.readouterr().err.splitlines() == lines
+    assert scene_files.finish(steps(), "plan of plaza", quiet=True) == "made"
+    assert capfd.readouterr().err == ""

@@ -5,6 +5,7 @@ CROWD_LOD_TRIALS=10 tries ten times as many moments of each command, and more co
 
 import os
 import random
+import re
 import signal
 import subprocess
 import time
@@ -82,7 +83,7 @@ class Trial:
         self.lines = [
             line
             for line in self.err.replace("\r", "\n").split("\n")
-            if line.strip() and "%|" not in line
+            if line.strip() and not re.search(r"%\||: \d+%", line)
         ]
         self.after = self.files()
         self.left = [path.name for path in self.tmp.iterdir()]
