@@ -13,6 +13,7 @@ from ..blender.ownership import OWNED
 from ..blender.references import closure_of
 from ..machine import terrain_source
 from .given_lods import CharacterGroup, GivenLod, Owner, label_of, with_given_lods
+from .rig_needs import Characters
 from .wardrobe import wardrobe_of
 
 # custom property of a LOD's collection of one character group: the group's name
@@ -172,11 +173,11 @@ def notes_on_left_out(scene: bpy.types.Scene) -> Iterator[str]:
         )
 
 
-def notes_on_unsaved(scene: bpy.types.Scene) -> Iterator[str]:
+def notes_on_unsaved(characters: Characters) -> Iterator[str]:
     """Yield a sentence on objects that the characters are made of and that Blender drops when it
     saves the file.
     """
-    shapes = [item for _, objects, _ in characters_of(scene) for item in objects]
+    shapes = [item for _, objects, _ in characters for item in objects]
     names = sorted(
         item.name for item in closure_of(shapes) if not item.users and item.library is None
     )

@@ -7,13 +7,13 @@ import bpy
 
 from ...crowd_lod.format import counted, printable
 from ..blender.image_nodes import image_nodes
-from .characters import characters_of
+from .rig_needs import Characters
 
 
-def notes_on_images(scene: bpy.types.Scene) -> Iterator[str]:
+def notes_on_images(characters: Characters) -> Iterator[str]:
     """Yield a sentence on the characters' images whose files are missing."""
     wearers: dict[bpy.types.Image, list[str]] = {}
-    for name, objects, _ in characters_of(scene):
+    for name, objects, _ in characters:
         materials = {slot.material for item in objects for slot in item.material_slots}
         nodes = [node for each in materials - {None} for node, _ in image_nodes(each.node_tree)]
         for image in {node.image for node in nodes}:

@@ -35,7 +35,7 @@ def moment_now(
     depsgraph: bpy.types.Depsgraph,
     around: Surroundings | None = None,
 ) -> SceneMoment:
-    """Return the present moment of `scene`, filmed by its active cameras as `depsgraph` has them."""
+    """Return the present moment of `scene`; its cameras are as `depsgraph` has them."""
     time = scene_data.time_of(scene)
     return SceneMoment(time, read_cameras(scene, depsgraph), around, read_shutter(scene, time))
 

@@ -18,8 +18,7 @@ from ...crowd_lod.sources.trajectory import Trajectory
 from ...crowd_lod.validation import plausibility as judge
 from ..blender import scene_data
 from ..characters.character_extent import unknown
-from ..characters.characters import characters_of
-from ..characters.rig_needs import POSES, refusal, stands_for
+from ..characters.rig_needs import POSES, Characters, refusal, stands_for
 from .looking_around import look_around
 from .obstacles import WALLS, find_obstacles
 
@@ -33,6 +32,7 @@ TIMES = 3  # moments of a file at which its agents are compared with the scene
 
 def notes_on_plausibility(
     scene: bpy.types.Scene,
+    characters: Characters,
     groups: Sequence[Group],
     crowds: Sequence,
     parts: Sequence[Trajectory],
@@ -40,7 +40,7 @@ def notes_on_plausibility(
 ) -> Iterator[str]:
     """Yield sentences on what is not as people are in the scene's `crowds`.
 
-    groups: as just measured.
+    groups: the characters as just measured.
     parts: the trajectory of each crowd, as Populate has made it.
     """
     yield from _heights(scene, groups)
@@ -49,7 +49,7 @@ def notes_on_plausibility(
             name = f"{crowd.name}: " if len(crowds) > 1 else ""
             sentences = [*_motion(crowd, part), *_around(crowd, part, groups, depsgraph)]
             yield from (name + sentence for sentence in sentences)
-    yield from _poses(scene, groups)
+    yield from _poses(scene, characters, groups)
 
 
 def notes_on_feet(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
@@ -67,11 +67,13 @@ def notes_on_feet(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[s
             yield f"{begin}: {', '.join(texts)}."
 
 
-def notes_on_extent(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
-    """Yield a sentence on what renders may show beyond the measured spheres."""
+def notes_on_extent(
+    scene: bpy.types.Scene, characters: Characters, groups: Sequence[Group]
+) -> Iterator[str]:
+    """Yield a sentence on what renders may show of characters beyond the measured spheres."""
     extents = [
         f"{name} ({what})"
-        for name, objects, _ in characters_of(scene)
+        for name, objects, _ in characters
         for what in dict.fromkeys(unknown(objects))
     ]
     if extents:
@@ -203,10 +205,12 @@ def places_of(part: Trajectory) -> np.ndarray:
     return np.concatenate(places)
 
 
-def _poses(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
+def _poses(
+    scene: bpy.types.Scene, characters: Characters, groups: Sequence[Group]
+) -> Iterator[str]:
     """Yield sentences on groups that builds show as still poses, each for a long time."""
     fps = scene_data.frame_rate(scene)
-    reasons = [refusal(objects) for _, objects, _ in characters_of(scene)]
+    reasons = [refusal(objects) for _, objects, _ in characters]
     cycles = np.array(
         [max(group.period, *(action.period for action in group.actions), 0.0) for group in groups]
     )

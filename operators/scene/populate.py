@@ -13,7 +13,7 @@ from ..blender import kept_meshes, scene_data
 from ..blender.operator import Stepwise
 from ..characters.action_troubles import notes_on_actions
 from ..characters.cast_provenance import reading_motions
-from ..characters.characters import notes_on_left_out, notes_on_unsaved
+from ..characters.characters import characters_of, notes_on_left_out, notes_on_unsaved
 from ..characters.glow import notes_on_glow
 from ..characters.group_measuring import measuring_groups
 from ..characters.missing_images import notes_on_images
@@ -74,16 +74,17 @@ def _warnings(
     depsgraph: bpy.types.Depsgraph,
 ) -> Iterator[str]:
     """Yield sentences on what is probably not as the user means it."""
+    characters = characters_of(scene)
     yield from notes_on_feet(scene, groups)
-    yield from notes_on_extent(scene, groups)
-    yield from notes_on_plausibility(scene, groups, crowds, trajectory.parts, depsgraph)
+    yield from notes_on_extent(scene, characters, groups)
+    yield from notes_on_plausibility(scene, characters, groups, crowds, trajectory.parts, depsgraph)
     yield from crowd_sources.notes(crowds, trajectory)
     yield from notes_on_left_out(scene)
-    yield from notes_on_unsaved(scene)
+    yield from notes_on_unsaved(characters)
     yield from notes_on_actions(scene, groups)
     yield from notes_on_gliding(scene)
     yield from notes_on_glow(scene)
-    yield from notes_on_images(scene)
+    yield from notes_on_images(characters)
 
 
 def _result(groups: Sequence[Group], trajectory: Trajectory) -> str:

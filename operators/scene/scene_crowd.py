@@ -68,7 +68,7 @@ class SceneCrowd:
         return [group.scaled(meters) for group in self.trajectory.groups]
 
     def at_present_frame(self) -> "SceneCrowd":
-        """Return the same agents with LODs as the scene's frame has them: settings may be animated."""
+        """Return the same agents with the LODs of the scene's frame: settings may be animated."""
         return replace(self, policy=policy_of(self.settings), bias=bias_of(self.settings))
 
 

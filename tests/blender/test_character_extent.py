@@ -7,6 +7,7 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
 from crowd_lod_extension.operators.characters import group_measuring, stored_groups
+from crowd_lod_extension.operators.characters.characters import characters_of
 from crowd_lod_extension.operators.lod_meshes.deviation import measure_levels
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.render_setup import frame_update
@@ -231,7 +232,9 @@ def test_what_a_render_alone_knows_is_named_with_a_margin(case):
     assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
     said = " ".join(
         plausible.notes_on_extent(
-            bpy.context.scene, stored_groups.groups_of(bpy.context.scene.crowd_lod)
+            bpy.context.scene,
+            characters_of(bpy.context.scene),
+            stored_groups.groups_of(bpy.context.scene.crowd_lod),
         )
     )
     assert all(part in said for part in named) and "Margin to Fixed, 1.53 m or more" in said
@@ -241,7 +244,9 @@ def test_what_a_render_alone_knows_is_named_with_a_margin(case):
         made.nodes.remove(made.nodes["Is Viewport"])
     assert not list(
         plausible.notes_on_extent(
-            bpy.context.scene, stored_groups.groups_of(bpy.context.scene.crowd_lod)
+            bpy.context.scene,
+            characters_of(bpy.context.scene),
+            stored_groups.groups_of(bpy.context.scene.crowd_lod),
         )
     )
     assert group_measuring.measure_groups(bpy.context.scene)[0].radius == pytest.approx(
