@@ -117,8 +117,9 @@ def _plan_ready(crowd: SceneCrowd, request: PlanRequest) -> Generator[float, Non
     tolerance = crowd.policy.tolerance
     exemptions = exemptions_of(crowd, request.frames)
     yield from standing(cast_provenance.reading(crowd.scene), 0.0)
-    made_for = shot_reference.plan_inputs(crowd)
-    made_for |= request_parts(crowd.scene, request.frames, request.avoid, request.budget)
+    made_for = shot_reference.plan_inputs(crowd) | request_parts(
+        crowd.scene, request.frames, request.avoid, request.budget
+    )
     through = yield from share(survey_of(crowd, request.frames), 0.0, surveyed)
     coloring = plan_phases(
         through.survey,
