@@ -9,7 +9,7 @@ from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.lod_meshes.deviation import measure_levels
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.render_setup.render_setup import build
-from crowd_lod_extension.operators.scene.scene_crowd import characters_of
+from crowd_lod_extension.operators.scene.scene_crowd import characters_of, read_crowd
 
 from ..support.characters import character, new, rig, skin, tube
 
@@ -180,11 +180,12 @@ def test_lods_of_a_rigid_body_take_no_part_in_the_simulation(scene):
 
 def test_a_linked_scene_is_left_alone_with_a_sentence(scene, tmp_path):
     character(new("body", tube("body", 5, 5)))
+    bpy.ops.crowd_lod.populate()
     bpy.data.libraries.write(str(tmp_path / "scene.blend"), {scene})
     with bpy.data.libraries.load(str(tmp_path / "scene.blend"), link=True) as (_, wanted):
         wanted.scenes = [scene.name]
     before = set(bpy.data.user_map())
-    for steps in (make_levels, build):
+    for steps in (make_levels, lambda linked: build(read_crowd(linked))):
         with pytest.raises(
             CrowdError, match=r"Scene is linked from .*scene\.blend: work in that file"
         ):
