@@ -18,7 +18,7 @@ from ..characters.cast_provenance import CHARACTER, MOTION
 from ..scene.scene_crowd import read_crowd
 from ..scene.shot_reference import CAMERA, reference, stored_plan
 from ..settings.budgets import NO_BUDGET, holds_anyway
-from ..sources.crowd_parts import crowd_made_of, crowd_parts
+from ..sources.crowd_parts import GROUPS, crowd_made_of, crowd_parts
 from ..sources.crowd_sources import live
 from .bake_frames import differing_now, is_bake
 from .parts import (
@@ -60,7 +60,8 @@ class Change(NamedTuple):
     now: str
 
     def __str__(self) -> str:
-        return f"{self.part} {self.before} (now {self.now})" if self.part in WORDED else self.part
+        is_told = self.part == GROUPS or self.part in WORDED
+        return f"{self.part} {self.before} (now {self.now})" if is_told else self.part
 
 
 class Artifact(NamedTuple):
@@ -206,13 +207,18 @@ def _crowd_made_of(scene: bpy.types.Scene) -> Parts:
 
 
 def _settle_crowd(scene: bpy.types.Scene, made_of: Parts, parts: Parts) -> list[Change]:
-    """Return the changes; a motion that came or went is told by the groups."""
-    changes = _differ(scene, made_of, parts)
-    return [
-        change
-        for change in changes
-        if not change.part.startswith(MOTION) or (change.before and change.now)
-    ]
+    """Return the changes, with the groups that went and came; these tell of their motions."""
+    changes = []
+    for change in _differ(scene, made_of, parts):
+        if change.part == GROUPS:
+            before = change.before.splitlines()
+            now = change.now.splitlines()
+            went = ", ".join(line for line in before if line not in now)
+            came = ", ".join(line for line in now if line not in before)
+            changes.append(Change(GROUPS, went or "none", came or "none"))
+        elif not change.part.startswith(MOTION) or (change.before and change.now):
+            changes.append(change)
+    return changes
 
 
 # LOD meshes

@@ -18,7 +18,7 @@ GROUPS = "the character groups"
 
 
 def crowd_parts(scene: bpy.types.Scene) -> dict[str, str]:
-    """Return digests of what the crowd follows from now, by name."""
+    """Return what the crowd follows from now, by name: digests, and of GROUPS a line each."""
     return measured_parts(scene) | _ground_parts(scene)
 
 
@@ -28,13 +28,13 @@ def measured_parts(scene: bpy.types.Scene) -> dict[str, str]:
     Their shapes are left out: Make LOD Meshes measures them again.
     """
     with suppress(CrowdError):  # Populate tells
-        return {GROUPS: _digest_groups(all_characters(scene))} | motions(scene)
+        return {GROUPS: _list_groups(all_characters(scene))} | motions(scene)
     return {}
 
 
 def crowd_made_of(scene: bpy.types.Scene) -> dict[str, str]:
     """Return what the scene's crowd was made of: the groups are those that it has."""
-    return provenance.read_inputs(scene, MADE_OF) | {GROUPS: _digest_groups(scene.crowd_lod.groups)}
+    return provenance.read_inputs(scene, MADE_OF) | {GROUPS: _list_groups(scene.crowd_lod.groups)}
 
 
 def note_crowd(scene: bpy.types.Scene, parts: Mapping[str, str]) -> None:
@@ -52,15 +52,17 @@ def note_measured(scene: bpy.types.Scene, parts: Mapping[str, str]) -> None:
     provenance.keep(scene, MADE_OF, ground | dict(parts))
 
 
-def _digest_groups(groups: Iterable) -> str:
-    """Return a digest of characters or stored groups: names, slots and chances."""
-    return provenance.text_digest(
-        sorted((each.name, each.slot, _excluded(each), round(each.chance, 4)) for each in groups)
-    )
+def _list_groups(groups: Iterable) -> str:
+    """Return a line for each of the characters or stored groups: its name, slot and chance."""
+    return "\n".join(sorted(map(_line, groups)))
 
 
-def _excluded(each) -> str:
-    return each.excludes if isinstance(each.excludes, str) else ", ".join(each.excludes)
+def _line(each) -> str:
+    excluded = each.excludes if isinstance(each.excludes, str) else ", ".join(each.excludes)
+    chance = "" if each.chance == 1 else f"by {each.chance:.4g}"
+    slot = each.slot and f"in {each.slot}"
+    without = excluded and f"without {excluded}"
+    return " ".join(filter(None, (each.name, slot, chance, without)))
 
 
 def _ground_parts(scene: bpy.types.Scene) -> dict[str, str]:
