@@ -16,8 +16,6 @@ from ...crowd_lod.progress import share, standing
 from ...crowd_lod.reporting import files, tables
 from ..blender import console, frame_stepping
 from ..blender.output_folders import output_file
-from ..freshness.artifacts import note_build
-from ..freshness.parts import build_parts
 from ..render_setup import bake, render_setup, view_layers
 from ..render_setup.buttons import check_blur, prepared
 from ..render_setup.character_images import IMAGE_BYTES
@@ -207,10 +205,8 @@ def _building(
     predicted = yield from share(costs, 0.0, 0.3)
     if not args.quiet:
         print(predicted.sentence, file=sys.stderr)
-    made_of = build_parts(crowd)
     steps = bake.bake(scene, frames, args.strict) if args.bake else render_setup.build(crowd)
     cast = yield from share(steps, 0.3, 1.0)
-    note_build(scene, made_of)
     # a live build looks the plan up when its frames are shown
     if args.bake:
         return predicted, cast, ""
