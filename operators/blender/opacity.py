@@ -49,12 +49,10 @@ def hides_in_all_engines(material: bpy.types.Material | None) -> bool:
         or (tree is not None and tree.animation_data)
     ):
         return False
-    bumps = material.displacement_method == "BUMP"
-    stays = all(
-        not node.inputs["Volume"].is_linked and (bumps or not node.inputs["Displacement"].is_linked)
-        for node in (_outputs(tree) if tree is not None else ())
-    )
-    return stays and is_opaque(material)
+    inputs = ["Volume"] if material.displacement_method == "BUMP" else ["Volume", "Displacement"]
+    outputs = _outputs(tree) if tree is not None else []
+    is_linked = any(node.inputs[name].is_linked for node in outputs for name in inputs)
+    return not is_linked and is_opaque(material)
 
 
 def _outputs(tree: bpy.types.NodeTree) -> list[bpy.types.Node]:

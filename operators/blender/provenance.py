@@ -21,6 +21,7 @@ from .animation import curves_and_drivers, players_of
 from .guard import handler
 from .references import blocks_of
 from .rig_dependencies import (
+    Called,
     moved_values,
     moves_whole,
     read_columns,
@@ -238,7 +239,7 @@ def _print(item: bpy.types.Object) -> tuple:
     modifiers = [
         (modifier.type, modifier.show_render, modifier.show_viewport) for modifier in item.modifiers
     ]
-    return _place(item), _uid(item.data), modifiers, _inputs(item), slots, _points(item.data)
+    return _place(item), _uid(item.data), modifiers, nodes_inputs(item), slots, _points(item.data)
 
 
 def _points(data: bpy.types.ID | None) -> tuple:
@@ -273,14 +274,17 @@ def object_digest(item: bpy.types.Object, shared: Container[bpy.types.ID] = ()) 
         _place(item),
         item.parent_bone,
         modifiers,
-        _inputs(item),
+        nodes_inputs(item),
         groups,
         data,
     )
 
 
-def _inputs(item: bpy.types.Object) -> list[tuple[str, str]]:
-    """Return (RNA path, value as text) of each input of Nodes modifiers that nothing animates."""
+def nodes_inputs(item: bpy.types.Object, called: Called = _nameless) -> list[tuple[str, str]]:
+    """Return (RNA path, value as text) of each input of Nodes modifiers that nothing animates.
+
+    called: returns what stands for a data-block.
+    """
     modifiers = [modifier for modifier in item.modifiers if modifier.type == "NODES"]
     values = {
         m.path_from_id() + path: value
@@ -291,7 +295,7 @@ def _inputs(item: bpy.types.Object) -> list[tuple[str, str]]:
         {curve.data_path for curve in curves_and_drivers(item.animation_data)} if values else set()
     )
     texts = {
-        path: _nameless(value) if isinstance(value, bpy.types.ID) else repr(value)
+        path: called(value) if isinstance(value, bpy.types.ID) else repr(value)
         for path, value in values.items()
     }
     return sorted((path, text) for path, text in texts.items() if path not in moved)

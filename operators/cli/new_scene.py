@@ -253,9 +253,7 @@ def _add_ground(scene: bpy.types.Scene, path: Path) -> bpy.types.Collection:
 
 def _filled(scene: bpy.types.Scene) -> Generator[float, None, str]:
     """Populate the scene, add camera and light: yield the progress, return a sentence."""
-    sentence, warnings = yield from share(
-        populate_scene(scene, bpy.context.evaluated_depsgraph_get()), 0.0, 0.5
-    )
+    sentence, warnings = yield from share(populate_scene(scene), 0.0, 0.5)
     if scene.crowd_lod.source == "FILE":
         trajectory = trajectory_of(scene)
         last = _last(trajectory)

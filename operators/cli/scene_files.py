@@ -91,7 +91,9 @@ def finish(steps: Generator[float, None, Made], title: str, quiet: bool) -> Made
     with contextlib.ExitStack() as stack:
         check = stack.enter_context(interrupt.held())
         stack.callback(steps.close)
-        show = None if quiet else _bar(stack, title) if sys.stderr.isatty() else _lines(title)
+        show = None
+        if not quiet:
+            show = _bar(stack, title) if sys.stderr.isatty() else _lines(title)
         time_left = TimeLeft()
         begun = time.monotonic()
         while True:

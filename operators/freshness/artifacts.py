@@ -3,7 +3,7 @@
 docs/notes/freshness.md has the table of artifacts and parts.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -29,8 +29,8 @@ from .parts import (
     WORDED,
     build_parts,
     camera_motion,
+    lacking_lods,
     lod_parts,
-    lods_there,
     plan_parts,
 )
 
@@ -38,7 +38,7 @@ MADE_FOR = "crowd_lod_made_for"  # custom property of LOD meshes and builds
 Parts = Mapping[str, str]
 
 
-class Proof(NamedTuple):
+class ProofResult(NamedTuple):
     """What the last proof of a scene found.
 
     sentence: its verdict; ok: whether the pictures are the same; made_of: the parts proved.
@@ -49,7 +49,7 @@ class Proof(NamedTuple):
     made_of: Parts
 
 
-_proofs: dict[int, Proof] = scene_cache.add_cache({}, by_scene=True)
+_proofs: dict[int, ProofResult] = scene_cache.add_cache({}, by_scene=True)
 
 
 class Change(NamedTuple):
@@ -60,8 +60,7 @@ class Change(NamedTuple):
     now: str
 
     def __str__(self) -> str:
-        is_told = self.part == GROUPS or self.part in WORDED
-        return f"{self.part} {self.before} (now {self.now})" if is_told else self.part
+        return f"{self.part} {self.before} (now {self.now})" if self.part in WORDED else self.part
 
 
 class Artifact(NamedTuple):
@@ -70,7 +69,7 @@ class Artifact(NamedTuple):
     operator: makes it anew.
     label: on its button.
     lacking: why the step is due where there is none; "" where it is not.
-    made_of: scene -> the parts that it was made of; {} if it does not say.
+    made_of: scene -> the parts that it was made of; None if there is none, or it does not say.
     parts: scene -> those that there are now.
     settle: (scene, made_of, parts) -> the changes between them that count.
     """
@@ -78,7 +77,7 @@ class Artifact(NamedTuple):
     operator: str
     label: str
     lacking: Callable[[bpy.types.Scene], str]
-    made_of: Callable[[bpy.types.Scene], Parts]
+    made_of: Callable[[bpy.types.Scene], Parts | None]
     parts: Callable[[bpy.types.Scene], Parts]
     settle: Callable[[bpy.types.Scene, Parts, Parts], list[Change]]
 
@@ -92,19 +91,24 @@ def changes_of(scene: bpy.types.Scene, artifact: Artifact) -> list[Change]:
         made_of = artifact.made_of(scene)
     except CrowdError as error:  # its file is gone, or spoilt
         return [Change(str(error).rstrip("."), "", "")]
-    return artifact.settle(scene, made_of, artifact.parts(scene)) if made_of else []
+    return [] if made_of is None else artifact.settle(scene, made_of, artifact.parts(scene))
 
 
 def reason_of(scene: bpy.types.Scene, artifact: Artifact) -> str:
     """Return why the artifact is to be made: that there is none, or what has changed; "" if it is
     up to date.
     """
-    return artifact.lacking(scene) or words_of(changes_of(scene, artifact))
+    return artifact.lacking(scene) or reason_in(words_of(changes_of(scene, artifact)))
 
 
-def words_of(changes: list[Change]) -> str:
-    """Return the changes in words, such as "the camera and LOD 1 of adult changed"; "" if none."""
-    return f"{provenance.name_inputs(list(map(str, changes)))} changed" if changes else ""
+def reason_in(names: str) -> str:
+    """Return the reason that lies in changes of these names; "" without."""
+    return f"{names} changed" if names else ""
+
+
+def words_of(changes: Sequence[Change]) -> str:
+    """Return the changes in words, such as "the camera and LOD 1 of adult"; "" if none."""
+    return provenance.name_inputs(list(map(str, changes)))
 
 
 def stale(scene: bpy.types.Scene, artifact: Artifact) -> list[Change]:
@@ -118,15 +122,14 @@ def stale(scene: bpy.types.Scene, artifact: Artifact) -> list[Change]:
 
 def news_of(scene: bpy.types.Scene, artifact: Artifact) -> str:
     """Return a line on what `stale` tells; "" if the artifact is up to date."""
-    changes = stale(scene, artifact)
-    names = provenance.name_inputs(list(map(str, changes)))
-    return f"Changed since {artifact.label}: {names}" if changes else ""
+    names = words_of(stale(scene, artifact))
+    return f"Changed since {artifact.label}: {names}" if names else ""
 
 
 def reasons(scene: bpy.types.Scene) -> dict[str, str]:
     """Return why each artifact is due, by its operator, as of a look a second ago at most."""
     said = {
-        operator: lacking or words_of(changes)
+        operator: lacking or reason_in(words_of(changes))
         for operator, (lacking, changes) in _answers(scene).items()
     }
     return {operator: reason for operator, reason in said.items() if reason}
@@ -177,7 +180,7 @@ def note_build(scene: bpy.types.Scene, parts: Parts) -> None:
     look_again(scene)
 
 
-def note_proof(scene: bpy.types.Scene, proof: Proof) -> None:
+def note_proof(scene: bpy.types.Scene, proof: ProofResult) -> None:
     """Keep the scene's last proof, as long as the file is open."""
     scene_cache.tidy()
     _proofs[scene.session_uid] = proof
@@ -202,8 +205,8 @@ def _no_crowd(scene: bpy.types.Scene) -> str:
     return "" if len(scene.crowd_lod.groups) else "there is no crowd"
 
 
-def _crowd_made_of(scene: bpy.types.Scene) -> Parts:
-    return crowd_made_of(scene) if len(scene.crowd_lod.groups) else {}
+def _crowd_made_of(scene: bpy.types.Scene) -> Parts | None:
+    return crowd_made_of(scene) if len(scene.crowd_lod.groups) else None
 
 
 def _settle_crowd(scene: bpy.types.Scene, made_of: Parts, parts: Parts) -> list[Change]:
@@ -228,21 +231,18 @@ def _no_lods(scene: bpy.types.Scene) -> str:
     return "" if scene.crowd_lod.levels is not None else "there are no LOD meshes"
 
 
-def _lods_made_of(scene: bpy.types.Scene) -> Parts:
-    if scene.crowd_lod.levels is None:
-        return {}
-    there, _ = lods_there(scene)
-    return provenance.read_inputs(scene.crowd_lod.levels, MADE_FOR) | there
-
-
-def _lod_parts_and_counts(scene: bpy.types.Scene) -> Parts:
-    _, wanted = lods_there(scene)
-    return lod_parts(scene) | wanted
+def _lods_made_of(scene: bpy.types.Scene) -> Parts | None:
+    levels = scene.crowd_lod.levels
+    return None if levels is None else provenance.read_inputs(levels, MADE_FOR)
 
 
 def _settle_lods(scene: bpy.types.Scene, made_of: Parts, parts: Parts) -> list[Change]:
-    """Return the changes of what both name: LODs by distance do not say for which view they are."""
-    changes = [change for change in _differ(scene, made_of, parts) if change.before and change.now]
+    """Return what is missing, and the changes of what both name: LODs by distance do not say for
+    which view they are.
+    """
+    changes = [Change(*lack) for lack in lacking_lods(scene)]
+    differing = _differ(scene, made_of, parts)
+    changes += [change for change in differing if change.before and change.now]
     if made_of.get(BUDGET) == NO_BUDGET and holds_anyway(scene.crowd_lod):
         return [change for change in changes if change.part != BUDGET]  # they would be the same
     return changes
@@ -258,11 +258,10 @@ def _no_plan(scene: bpy.types.Scene) -> str:
     return "" if settings.shot_plan or by_distance else "there is no plan"
 
 
-def _plan_made_of(scene: bpy.types.Scene) -> Parts:
+def _plan_made_of(scene: bpy.types.Scene) -> Parts | None:
     settings = scene.crowd_lod
-    if not settings.shot_plan or not settings.use_shot_plan or settings.levels is None:
-        return {}
-    return stored_plan(settings).made_for
+    stored = stored_plan(settings) if settings.levels is not None else None
+    return stored and stored.made_for
 
 
 # Builds and bakes
@@ -272,10 +271,9 @@ def _no_build(scene: bpy.types.Scene) -> str:
     return "" if scene.crowd_lod.build is not None else "there is no build"
 
 
-def _build_made_of(scene: bpy.types.Scene) -> Parts:
-    if scene.crowd_lod.build is None:
-        return {}
-    return provenance.read_inputs(scene.crowd_lod.build, MADE_FOR)
+def _build_made_of(scene: bpy.types.Scene) -> Parts | None:
+    build = scene.crowd_lod.build
+    return build and (provenance.read_inputs(build, MADE_FOR) or None)
 
 
 def _bake_parts(scene: bpy.types.Scene) -> Parts:
@@ -313,9 +311,9 @@ def proof_parts(scene: bpy.types.Scene) -> Parts:
     }
 
 
-def _proof_made_of(scene: bpy.types.Scene) -> Parts:
+def _proof_made_of(scene: bpy.types.Scene) -> Parts | None:
     proof = _proofs.get(scene.session_uid)
-    return {} if proof is None else proof.made_of
+    return proof and proof.made_of
 
 
 CROWD = Artifact(
@@ -326,7 +324,7 @@ LODS = Artifact(
     "Make LOD Meshes",
     _no_lods,
     _lods_made_of,
-    _lod_parts_and_counts,
+    lod_parts,
     _settle_lods,
 )
 PLAN = Artifact("crowd_lod.plan_shot", "Plan Shot", _no_plan, _plan_made_of, plan_parts, _differ)
@@ -335,14 +333,14 @@ BAKE = Artifact("crowd_lod.bake", "Bake", _no_build, _build_made_of, _bake_parts
 PROOF = Artifact("crowd_lod.verify", "Verify", _no_proof, _proof_made_of, proof_parts, _differ)
 
 
-def build_of(scene: bpy.types.Scene) -> Artifact:
+def build_artifact(scene: bpy.types.Scene) -> Artifact:
     """Return BAKE if the scene's build is a bake, else BUILD."""
     return BAKE if is_bake(scene.crowd_lod.build) else BUILD
 
 
 def artifacts_of(scene: bpy.types.Scene) -> tuple[Artifact, ...]:
     """Return the artifacts of the scene in the order of the work."""
-    return CROWD, LODS, PLAN, build_of(scene), PROOF
+    return CROWD, LODS, PLAN, build_artifact(scene), PROOF
 
 
 def to_make_again(scene: bpy.types.Scene) -> str:

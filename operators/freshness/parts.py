@@ -20,18 +20,18 @@ from ..scene.scene_crowd import SceneCrowd, read_crowd
 from ..scene.shot_exceptions import digest_of
 from ..scene.shot_reference import ASKED, CAMERA, OVERRIDES, content_of, plan_inputs
 from ..settings.budgets import budget_of, budget_words, limits_levels
+from ..sources.crowd_parts import GROUPS
 
 RATIOS = "ratios"
 BUDGET = "budget"
 MEMORY = "memory"
 SIMPLIFY = "Simplify"
 LEVELS = "levels"
-GROUPS = "character groups"
+LOD_GROUPS = "character groups"
 RANGE = "the frame range"
-# of LOD meshes
 WORDED = {
     *(RATIOS, "tolerance", MEMORY, BUDGET, "resolution", "engine", "actions", "lens"),
-    *(SIMPLIFY, LEVELS, GROUPS),
+    *(SIMPLIFY, LEVELS, LOD_GROUPS, GROUPS),
 }
 # what live builds follow by themselves
 FOLLOWED = CAMERA, RANGE, "the resolution"
@@ -106,29 +106,25 @@ def _actions(scene: bpy.types.Scene) -> str:
     return ", ".join(["the own", *plain]) + (" with cross-fades" if len(plain) < len(names) else "")
 
 
-def lods_there(scene: bpy.types.Scene) -> tuple[dict[str, str], dict[str, str]]:
-    """Return (what the LOD meshes are, what the settings ask for) where these differ."""
+def lacking_lods(scene: bpy.types.Scene) -> list[tuple[str, str, str]]:
+    """Return (name, what there is, what the settings ask for) of LOD meshes that are missing."""
     settings = scene.crowd_lod
     levels = settings.levels.children
-    asked = count_of(settings)
-    pairs = {LEVELS: (str(len(levels)), str(asked))} if len(levels) < asked else {}
+    count = count_of(settings)
+    lacking = [(LEVELS, str(len(levels)), str(count))] if len(levels) < count else []
     names = [group.name for group in settings.groups]
     homes = [*levels[0].children] if levels else []
     if names and len(homes) != len(names):
-        pairs[GROUPS] = str(len(homes)), str(len(names))
-    else:
-        renamed = [
-            (home[GROUP], name)
-            for home, name in zip(homes, names, strict=False)
-            if home.get(GROUP, name) != name
-        ]
-        if renamed:
-            there, wanted = zip(*renamed, strict=True)
-            pairs[GROUPS] = ", ".join(there), ", ".join(wanted)
-    return (
-        {name: there for name, (there, _) in pairs.items()},
-        {name: wanted for name, (_, wanted) in pairs.items()},
-    )
+        return [*lacking, (LOD_GROUPS, str(len(homes)), str(len(names)))]
+    renamed = [
+        (home[GROUP], name)
+        for home, name in zip(homes, names, strict=False)
+        if home.get(GROUP, name) != name
+    ]
+    if renamed:
+        columns = (", ".join(column) for column in zip(*renamed, strict=True))
+        lacking.append((LOD_GROUPS, *columns))
+    return lacking
 
 
 def plan_parts(scene: bpy.types.Scene) -> dict[str, str]:

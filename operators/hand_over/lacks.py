@@ -4,13 +4,7 @@ from typing import NamedTuple
 
 import bpy
 
-from ..runs.update_all import due_steps
-
-STEPS = {
-    "Populate": "crowd_lod.populate",
-    "Make LOD Meshes": "crowd_lod.make_levels",
-    "Plan Shot": "crowd_lod.plan_shot",
-}
+from ..freshness.artifacts import CROWD, LODS, PLAN, reasons
 
 
 class Lack(NamedTuple):
@@ -25,15 +19,12 @@ def lacks_of(scene: bpy.types.Scene, operator: str) -> list[Lack]:
 
     A farm plans by itself, but opens a file that lies somewhere.
     """
-    due = due_steps(scene)
     lacks = []
+    needed = [CROWD, LODS, PLAN]
     if operator == "crowd_lod.write_farm_job":
-        due = {label: reason for label, reason in due.items() if label != "Plan Shot"}
+        needed.remove(PLAN)
         if not bpy.data.filepath:
             lacks.append(Lack("The file is not saved", "wm.save_mainfile"))
-    lacks += [
-        Lack(reason[:1].upper() + reason[1:], STEPS[label])
-        for label, reason in due.items()
-        if label in STEPS
-    ]
-    return lacks
+    due = reasons(scene)
+    operators = [artifact.operator for artifact in needed if artifact.operator in due]
+    return [*lacks, *(Lack(due[name][:1].upper() + due[name][1:], name) for name in operators)]

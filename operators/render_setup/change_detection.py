@@ -5,10 +5,10 @@ from collections.abc import Iterable
 import bpy
 import numpy as np
 
-from ..blender import mesh_data, scene_data
-from ..blender.animation import curves_and_drivers, curves_of, players_of
-from ..blender.provenance import text_digest
-from ..blender.rig_dependencies import custom_properties, read_columns
+from ..blender import mesh_data
+from ..blender.animation import curves_of, players_of
+from ..blender.provenance import nodes_inputs, text_digest
+from ..blender.rig_dependencies import custom_properties, full_name, read_columns
 
 CORNERS = (("co", 2, "f4"),)  # of a curve's keys: the rest is the same in all that rigs play
 
@@ -83,17 +83,5 @@ def _holds(item: bpy.types.Object) -> tuple:
         item.parent_bone,
         np.array([*item.matrix_basis, *item.matrix_parent_inverse]).tolist(),
         modifier_names,
-        _node_inputs(item),
+        nodes_inputs(item, full_name),
     )
-
-
-def _node_inputs(item: bpy.types.Object) -> list[tuple[str, str]]:
-    """Return (RNA path, value as text) of each input of Nodes modifiers that nothing animates."""
-    inputs = {
-        modifier.path_from_id() + path: value
-        for modifier in item.modifiers
-        if modifier.type == "NODES"
-        for path, value in scene_data.node_inputs(modifier).items()
-    }
-    animated = {curve.data_path for curve in curves_and_drivers(item.animation_data)}
-    return sorted((path, repr(value)) for path, value in inputs.items() if path not in animated)

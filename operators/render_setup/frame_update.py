@@ -20,13 +20,13 @@ from ..blender import cameras, frame_stepping, mesh_data, removal, scene_cache, 
 from ..blender.guard import clear_troubles, handler
 from ..blender.main_thread import on_main_thread
 from ..blender.steps import at_work
+from ..freshness.bake_frames import is_bake
 from ..scene import lights
 from ..scene.frame_plan import SceneMoment, frame_of
 from ..scene.scene_crowd import SceneCrowd, read_crowd
 from ..sources.crowd_sources import crowds_of, is_live, live
 from .appended_builds import standing_still
 from .render_setup import (
-    BAKED,
     LEVEL,
     MADE_FROM,
     UNSEEN_BY,
@@ -301,7 +301,7 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Frame | No
     shutter is open would lose its blur.
     """
     top = scene.crowd_lod.build
-    if BAKED in top:
+    if is_bake(top):
         return None
     render_now = _rendering.get(scene.session_uid)
     # another scene's compositing nodes show this one, at the same frame

@@ -20,7 +20,7 @@ from ..blender.ownership import OWNED, remove_owned
 from ..characters.cast_provenance import cast_inputs, reading
 from ..characters.stored_groups import groups_of
 from ..freshness.artifacts import to_make_again
-from ..freshness.bake_frames import BAKED, CAMERAS, LIGHTS
+from ..freshness.bake_frames import BAKED, CAMERAS, LIGHTS, is_bake
 from ..lod_meshes.make_lods import TINTS
 from ..scene.scene_crowd import SceneCrowd, home_of
 from . import played_by
@@ -317,7 +317,7 @@ def dress_all(scene: bpy.types.Scene) -> None:
     top = scene.crowd_lod.build
     stored_values.check(scene.crowd_lod)
     inputs = {"Turn": float(scene_data.rotation(scene.crowd_lod.forward))}
-    if BAKED in top:
+    if is_bake(top):
         inputs["Rate"], inputs["Opens"], *_ = baked_of(top)
         tree = baked.baked()
     else:
@@ -389,7 +389,7 @@ def check_build(scene: bpy.types.Scene) -> None:
     top = scene.crowd_lod.build
     if top is not None:
         points_of(top), shelves_of(top)
-        if BAKED in top:
+        if is_bake(top):
             baked_of(top)
 
 

@@ -6,8 +6,9 @@ Users hide them from renders.
 import bpy
 
 from ..blender import scene_data
+from ..freshness.bake_frames import is_bake
 from ..sources.crowd_sources import crowds_of, is_live
-from .render_setup import BAKED, points_of
+from .render_setup import points_of
 
 WATCHED = "crowd_lod_watched"  # custom property of the node group
 INPUT = "Object"
@@ -26,7 +27,7 @@ def watch_points(scene: bpy.types.Scene) -> None:
             if m.type == "NODES" and m.node_group is not None and WATCHED in m.node_group
         ]:
             item.modifiers.remove(modifier)
-    if not points or BAKED in scene.crowd_lod.build:
+    if not points or is_bake(scene.crowd_lod.build):
         return
     first = next(iter(points.values()))
     for crowd in filter(is_live, crowds_of(scene.crowd_lod)):

@@ -23,6 +23,7 @@ from ..freshness.artifacts import (
     PLAN,
     Artifact,
     look_again,
+    reason_in,
     reason_of,
     reasons,
 )
@@ -34,7 +35,6 @@ from ..scene.scene_crowd import read_crowd
 from ..scene.shot_reference import changes_since_plan
 from ..settings import needs
 from ..shot.shot_plan import plan_of_settings
-from ..sources.crowd_sources import depsgraph_of
 
 # About how many seconds each step takes, for the progress.
 MEASURED = 1.0  # a character
@@ -66,9 +66,7 @@ class UpdateStep:
 
 def _populate(scene: bpy.types.Scene) -> Generator[float, None, str]:
     before = [group.name for group in scene.crowd_lod.groups]
-    depsgraph = depsgraph_of(scene)
-    depsgraph.update()
-    said, warnings = yield from populate_scene(scene, depsgraph)
+    said, warnings = yield from populate_scene(scene)
     now = [group.name for group in scene.crowd_lod.groups]
     others = (
         [] if now == before else [f"The groups were {', '.join(before)}: {', '.join(now)} now."]
@@ -92,7 +90,7 @@ def _reason(scene: bpy.types.Scene, step: UpdateStep, bakes: bool) -> Generator[
     if step.artifact is not PLAN or reason or not scene.crowd_lod.use_shot_plan:
         return reason
     changes = yield from changes_since_plan(read_crowd(scene))
-    return f"{name_inputs(changes)} changed" if changes else ""
+    return reason_in(name_inputs(changes))
 
 
 def update_steps(scene: bpy.types.Scene, bakes: bool = False) -> tuple[UpdateStep, ...]:

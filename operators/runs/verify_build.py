@@ -15,10 +15,10 @@ from ..blender.provenance import read_inputs
 from ..characters.cast_provenance import reading_afresh
 from ..freshness import artifacts
 from ..freshness.bake_frames import (
-    BAKED,
     CAMERAS,
     cameras_digest,
     differing_in_frame,
+    is_bake,
     lights_digest,
 )
 from ..freshness.parts import RANGE
@@ -113,7 +113,7 @@ def build_of(scene: bpy.types.Scene, frames: Sequence[int]) -> Generator[float, 
     if top is None:
         return ProvedBuild()
     render_setup.check_build(scene)
-    if BAKED in top:
+    if is_bake(top):
         missing = sorted(set(frames).difference(baked_frames(scene) or frames))
         if missing:
             raise CrowdError(
@@ -125,17 +125,17 @@ def build_of(scene: bpy.types.Scene, frames: Sequence[int]) -> Generator[float, 
         frame_update.update(scene, scene.view_layers[0].depsgraph)
     scene.view_layers[0].update()
     yield from reading_afresh(scene)
-    changes = artifacts.changes_of(scene, artifacts.build_of(scene))
+    changes = artifacts.changes_of(scene, artifacts.build_artifact(scene))
     changed = tuple(change.part for change in changes if change.part != RANGE)
     places = layers_of(scene).values()
     hidden = top.hide_render or all(place.exclude for place in places)
-    return ProvedBuild(top, BAKE if BAKED in top else LIVE, changed, hidden)
+    return ProvedBuild(top, BAKE if is_bake(top) else LIVE, changed, hidden)
 
 
 def baked_frames(scene: bpy.types.Scene) -> set[int]:
     """Return the frames that the scene's bake has; none without a bake, or if it does not say."""
     top = scene.crowd_lod.build
-    noted = read_inputs(top, CAMERAS) if top is not None and BAKED in top else {}
+    noted = read_inputs(top, CAMERAS) if is_bake(top) else {}
     return {int(number) for number in noted if number.lstrip("-").isdecimal()}
 
 

@@ -11,19 +11,19 @@ from ...crowd_lod.validation.render_proof import verdict, worst_agents
 from ..blender import scene_data
 from ..blender.operator import Reporting, Stepwise
 from ..blender.output_folders import output_folder, place_of
-from ..freshness.artifacts import Proof, note_proof, proof_parts
+from ..freshness.artifacts import ProofResult, note_proof, proof_parts
 from ..overlay.viewport_image import show_image
 from ..settings import needs
 from .verify import Verify, verify
 from .verify_build import frames_to_verify
 
-PROOF = "Crowd LOD Proof"
+PICTURE = "Crowd LOD Proof"
 
 
 def _show_agents(path: Path) -> None:
-    """Keep the picture of the worst agents in the file as the image PROOF, for the Image Editor."""
-    image = bpy.data.images.get(PROOF) or bpy.data.images.load(str(path))
-    image.name = PROOF
+    """Keep the picture of the worst agents in the file as the image PICTURE, for the Image Editor."""
+    image = bpy.data.images.get(PICTURE) or bpy.data.images.load(str(path))
+    image.name = PICTURE
     image.use_fake_user = True  # nothing else uses it
     if image.packed_file is not None:
         image.unpack(method="REMOVE")
@@ -56,14 +56,14 @@ class CROWDLOD_OT_verify(Stepwise, bpy.types.Operator):
             worst = result["agents"][worst_agents(result["agents"])[0]]
             _show_agents(task.folder / f"frame_{worst['frame']:04d}_agents.png")
         sentence = f"{verdict(result)} The report is in {place_of(task.folder)}."
-        note_proof(scene, Proof(sentence, result["ok"], made_of))
+        note_proof(scene, ProofResult(sentence, result["ok"], made_of))
         if not result["ok"]:
             raise CrowdError(sentence)  # the report stays
         return sentence
 
 
 def _no_proof(scene: bpy.types.Scene) -> str:
-    return "" if PROOF in bpy.data.images else "There is no proof yet: press Verify"
+    return "" if PICTURE in bpy.data.images else "There is no proof yet: press Verify"
 
 
 class CROWDLOD_OT_show_proof(Reporting, bpy.types.Operator):
@@ -75,8 +75,8 @@ class CROWDLOD_OT_show_proof(Reporting, bpy.types.Operator):
     needs = (_no_proof,)
 
     def run(self, context) -> str:
-        show_image(PROOF)
-        return f"A window shows the image {PROOF}."
+        show_image(PICTURE)
+        return f"A window shows the image {PICTURE}."
 
 
 CLASSES = (CROWDLOD_OT_verify, CROWDLOD_OT_show_proof)

@@ -31,7 +31,7 @@ from .stuck_agents import find
 
 
 def populate_scene(
-    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph
+    scene: bpy.types.Scene,
 ) -> Generator[float, None, tuple[str, list[str]]]:
     """Measure the characters of `scene` and place the crowd: yield the progress.
 
@@ -39,6 +39,8 @@ def populate_scene(
     changes, if a setting is bad.
     """
     settings = scene.crowd_lod
+    depsgraph = crowd_sources.depsgraph_of(scene)
+    depsgraph.update()
     crowds = crowd_sources.crowds_of(settings)
     yield from standing(reading_motions(scene), 0.0)
     made_of = crowd_parts(scene)
@@ -102,9 +104,7 @@ class CROWDLOD_OT_populate(Stepwise, bpy.types.Operator):
     needs = (needs.characters,)
 
     def work(self, scene: bpy.types.Scene) -> Generator[float, None, str]:
-        depsgraph = crowd_sources.depsgraph_of(scene)
-        depsgraph.update()
-        result, warnings = yield from populate_scene(scene, depsgraph)
+        result, warnings = yield from populate_scene(scene)
         scene.crowd_lod.overlay = True
         for warning in warnings:
             self.report({"WARNING"}, warning)

@@ -43,7 +43,7 @@ def note_crowd(scene: bpy.types.Scene, parts: Mapping[str, str]) -> None:
 
 
 def note_measured(scene: bpy.types.Scene, parts: Mapping[str, str]) -> None:
-    """Keep what the groups were measured of: measured_parts; the ground stays as Populate read it."""
+    """Keep what the groups were measured of, measured_parts; the ground is as Populate read it."""
     ground = {
         name: digest
         for name, digest in provenance.read_inputs(scene, MADE_OF).items()

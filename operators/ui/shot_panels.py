@@ -6,7 +6,7 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import byte_size, counted
 from ...crowd_lod.shot.budget_points import budget_sentence, fitting_point
 from ..blender import scene_data
-from ..freshness.artifacts import BAKE, build_of, stale
+from ..freshness.artifacts import BAKE, build_artifact, stale
 from ..freshness.bake_frames import is_bake
 from ..hand_over.lacks import Lack, lacks_of
 from ..hand_over.sizes import sizes_of
@@ -152,7 +152,7 @@ class CROWDLOD_PT_build(Step, bpy.types.Panel):
     bl_label = "Build"
 
     def draw_header_preset(self, context) -> None:
-        artifact = build_of(context.scene)
+        artifact = build_artifact(context.scene)
         button(
             self.layout,
             artifact.operator,
@@ -162,7 +162,7 @@ class CROWDLOD_PT_build(Step, bpy.types.Panel):
         self.draw_help()
 
     def body(self, context, layout, settings) -> None:
-        artifact = build_of(context.scene)
+        artifact = build_artifact(context.scene)
         changed = [str(change) for change in stale(context.scene, artifact)]
         row = layout.row(align=True)
         for name, icon in (("Build", "GEOMETRY_NODES"), ("Bake", "FREEZE")):

@@ -11,7 +11,7 @@ from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.freshness.artifacts import (
     CROWD,
     PROOF,
-    Proof,
+    ProofResult,
     note_proof,
     proof_parts,
     reasons,
@@ -141,11 +141,11 @@ def test_lods_follow_what_simplify_makes_of_the_character(shot):
 
 def test_a_proof_is_of_the_build_and_the_cameras_that_it_showed(shot):
     assert verdict_of(shot) == ""
-    note_proof(shot, Proof("OK: alike.", True, proof_parts(shot)))
+    note_proof(shot, ProofResult("OK: alike.", True, proof_parts(shot)))
     assert verdict_of(shot) == "OK: alike." and steps.next_operator(shot) == ""
     shot.camera.data.lens = 20
     assert verdict_of(shot) == "" and "crowd_lod.verify" in reasons(shot)
-    note_proof(shot, Proof("Does not hold.", False, proof_parts(shot)))
+    note_proof(shot, ProofResult("Does not hold.", False, proof_parts(shot)))
     assert verdict_of(shot) == "Does not hold." and PROOF.operator in reasons(shot)
 
 

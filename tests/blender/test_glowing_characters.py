@@ -195,7 +195,7 @@ def test_culling_leaves_the_light_of_characters_in_the_picture(name, tmp_path):
 def test_populate_and_build_name_the_characters_that_glow():
     scene = glow_scene(emission())
     assert glowing(scene) == {"someone": [bpy.data.materials["Emission"]]}
-    _, warnings = finished(populate_scene(scene, bpy.context.evaluated_depsgraph_get()))
+    _, warnings = finished(populate_scene(scene))
     assert any("someone (material Emission)" in warning for warning in warnings)
     list(build(read_crowd(scene)))
     assert "someone (material Emission)" in notes_on_characters(scene)

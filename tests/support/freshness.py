@@ -3,13 +3,13 @@
 from crowd_lod_extension.operators.freshness.artifacts import (
     CROWD,
     LODS,
-    build_of,
+    build_artifact,
     changes_of,
 )
 
 
 def changed_since_build(scene):
-    return [change.part for change in changes_of(scene, build_of(scene))]
+    return [change.part for change in changes_of(scene, build_artifact(scene))]
 
 
 def changed_since_populate(scene):
