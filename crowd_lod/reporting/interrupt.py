@@ -37,6 +37,15 @@ def held() -> Iterator[Callable[[], None]]:
     check()
 
 
+def ignored() -> None:
+    """Ignore Ctrl-C from here on: a command's work is done, and Blender still has to go.
+
+    Python gives a signal back to the system before it takes modules down; Ctrl-C would end the
+    process then, and Blender's temporary folder would stay.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
 def stopped() -> int:
     """Print the line that ends a command after Ctrl-C, and return its exit code."""
     print("crowd-lod: stopped.", file=sys.stderr)

@@ -8,6 +8,9 @@ def start() -> int:
     try:
         with interrupt.held():
             from .commands import main
-        return main()
+        status = main()
+        interrupt.ignored()
     except KeyboardInterrupt:
-        return interrupt.stopped()
+        interrupt.ignored()
+        status = interrupt.stopped()
+    return status
