@@ -18,7 +18,7 @@ _own = threading.local()
 Made = TypeVar("Made")  # what the work returns
 
 
-class Ended(BaseException):
+class Cancelled(BaseException):
     """Raised in a worker thread when nobody waits for its result any longer."""
 
 
@@ -31,7 +31,50 @@ def finished(steps: Generator[Any, None, Made]) -> Made:
             return end.value
 
 
-def share(
+class Work:
+    """Work in parts: what it costs is announced, then the parts are done, and the progress follows.
+
+    Costs are as the parts' times, in any unit. One that is announced later may set the progress
+    back, so that the time left stays true.
+    """
+
+    def __init__(self, cost: float = 0.0) -> None:
+        self.done = 0.0
+        self.left = cost
+
+    def announce(self, cost: float) -> None:
+        """Say what all that is left costs."""
+        self.left = cost
+
+    def take(
+        self, steps: Generator[Any, None, Made], cost: float = 0.0
+    ) -> Generator[float, None, Made]:
+        """Take the steps of a part: yield the progress of the whole, and return the part's result.
+
+        What the steps of a part without cost yield is ignored: the progress stands. If this
+        generator is closed early, it closes the steps at once: before the caller cleans up, not
+        when Python frees them.
+        """
+        begin = self._progress(0.0)
+        more = self._progress(cost) - begin
+        result = yield from _told(steps, lambda part: begin + more * part if more else begin)
+        self.did(cost)
+        return result
+
+    def did(self, cost: float) -> float:
+        """Count a part of that cost as done, and return the progress."""
+        self.done += cost
+        self.left = max(self.left - cost, 0.0)
+        return self._progress(0.0)
+
+    def _progress(self, more: float) -> float:
+        """Return the progress when `more` than what is done now will be done."""
+        done = self.done + more
+        whole = max(self.done + self.left, done)
+        return done / whole if whole else 0.0
+
+
+def sub_progress(
     steps: Generator[float, None, Made], begin: float, end: float
 ) -> Generator[float, None, Made]:
     """Yield the generator's progress as the part from `begin` to `end` of the whole.
@@ -42,16 +85,20 @@ def share(
     return (yield from _told(steps, lambda progress: begin + (end - begin) * progress))
 
 
-def standing(steps: Generator[Any, None, Made], progress: float) -> Generator[float, None, Made]:
+def constant_progress(
+    steps: Generator[Any, None, Made], progress: float
+) -> Generator[float, None, Made]:
     """Yield `progress` at each of the generator's steps.
 
-    The values that the generator yields are ignored. Returns its result. Closes it early as `share`
-    does.
+    The values that the generator yields are ignored. Returns its result. Closes it early as
+    `sub_progress` does.
     """
     return (yield from _told(steps, lambda _: progress))
 
 
-def searched(steps: Generator[Any, None, Made], usual: int) -> Generator[float, None, Made]:
+def open_ended_progress(
+    steps: Generator[Any, None, Made], usual: int
+) -> Generator[float, None, Made]:
     """Yield the progress of a search that may take any number of steps, and return its result.
 
     It is a half after `usual` steps, and then a half of the rest after as many more.
@@ -72,14 +119,14 @@ def _told(
             yield tell(progress)
 
 
-def aside(
+def run_in_thread(
     work: Callable[[], Made], progress: Callable[[], float] = lambda: 0.0
 ) -> Generator[float, None, Made]:
     """Run `work` in another thread, yield its progress, and return its result.
 
     It is for long work in NumPy alone that is no generator.
     progress: called for each value to yield, every LOOK seconds.
-    If the generator is closed early, the work ends at its next `breath`.
+    If the generator is closed early, the work ends at its next `check_cancelled`.
     """
     task: Future[Made] = Future()
     ended = threading.Event()
@@ -114,7 +161,7 @@ def starting_threads() -> Iterator[None]:
         raise
 
 
-def steps_aside(steps: Generator[float, None, Made]) -> Generator[float, None, Made]:
+def run_steps_in_thread(steps: Generator[float, None, Made]) -> Generator[float, None, Made]:
     """Run the generator in another thread, yield its progress, and return its result.
 
     It is for steps in NumPy alone. If this one is closed early, the steps end at the next of them.
@@ -125,24 +172,24 @@ def steps_aside(steps: Generator[float, None, Made]) -> Generator[float, None, M
         return finished(_told(steps, note))
 
     def note(value: float) -> float:
-        breath()
+        check_cancelled()
         progress[0] = value
         return value
 
-    return (yield from aside(work, lambda: progress[0]))
+    return (yield from run_in_thread(work, lambda: progress[0]))
 
 
-def breath() -> None:
-    """Raise Ended if this thread runs work of `aside` that nobody waits for.
+def check_cancelled() -> None:
+    """Raise Cancelled if this thread runs work of `run_in_thread` that nobody waits for.
 
     Work calls it at each place where it may be ended.
     """
     ended = getattr(_own, "ended", None)
     if ended is not None and ended.is_set():
-        raise Ended
+        raise Cancelled
 
 
-def at_once(work: Callable[..., Made], items: Iterable[tuple]) -> Iterator[Made]:
+def map_in_threads(work: Callable[..., Made], items: Iterable[tuple]) -> Iterator[Made]:
     """Yield the results of `work` on each of `items`, its arguments, in their order.
 
     THREADS threads do some at a time, so it is for work in NumPy, which lets threads run beside

@@ -2,19 +2,15 @@
 
 from collections import deque
 
-# It is known from this progress on, where estimates of the whole differ by KNOWN at most. Else the
-# least of them may be WRONG times too long.
-EARLY = 0.25
-KNOWN = 1.4
-WRONG = 1.5
+EARLY = 0.25  # progress from which on it is said
+KNOWN = 1.4  # times that estimates of the whole differ, at most, where it is said
 
 
 class TimeLeft:
     """The time that a step has left, as its progress tells.
 
     It is said once a part is done, and where the latter half of the time has told about the same
-    whole. Else only a least time is: some searches take more tries than others, and call for
-    further ones.
+    whole: some searches take more tries than others, and call for further ones.
     """
 
     def __init__(self) -> None:
@@ -33,8 +29,7 @@ class TimeLeft:
         wholes = [whole for _, whole in self._wholes]
         if progress >= EARLY and max(wholes) <= KNOWN * min(wholes):
             return f", about {_duration(wholes[-1] - seconds)} left"
-        least = min(wholes) / WRONG - seconds
-        return f", at least {_duration(least)} left" if least >= 1 else ""
+        return ""
 
 
 def _duration(seconds: float) -> str:

@@ -23,7 +23,7 @@ from ..crowd import random_streams
 from ..crowd.agents import Crowd
 from ..crowd.maps import LabelMap
 from ..crowd.state_machine import StateMachine
-from ..progress import breath
+from ..progress import check_cancelled
 from . import cell_borders
 from .cell_borders import Walkers
 
@@ -62,7 +62,7 @@ def advance(
     """
     way = _Way(crowd, machine, world, seconds, exact)
     while len(way.rest):
-        breath()
+        check_cancelled()
         way.go()
     moved = way.now
     moved.pace[:] = look_up_paces(moved.x, moved.y, moved.state, machine, world)

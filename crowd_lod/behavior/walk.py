@@ -16,7 +16,7 @@ from ..crowd.maps import Area, LabelMap
 from ..crowd.state_machine import StateMachine
 from ..crowd.terrain import Ground, Terrain
 from ..crowd.velocity_bounds import STANDING, VelocityBounds
-from ..progress import aside
+from ..progress import run_in_thread
 from ..sources.trajectory import PART, States, Trajectory
 from .plain_step import look_up_paces
 from .step import Steps
@@ -160,7 +160,7 @@ class Walk(Trajectory):
             frames = self.reached - begin
             return min(max(frames, 0) / max(target - begin, 1), 1.0)
 
-        yield from aside(go, progress)
+        yield from run_in_thread(go, progress)
 
     @property
     def reached(self) -> int:

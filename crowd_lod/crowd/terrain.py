@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from ..errors import CrowdError
-from ..progress import breath
+from ..progress import check_cancelled
 from .height_map import LOOK_UPS, HeightMap, lean
 
 # Meters that an agent steps up at once.
@@ -81,7 +81,7 @@ class Terrain:
         cells = self._low + (np.stack([columns, rows], axis=1) + 0.5) * self._size
         places = np.concatenate([middles, cells])
         for at in range(0, len(places), LOOK_UPS):
-            breath()
+            check_cancelled()
             agents, _, z = self._over(*places[at : at + LOOK_UPS].T)
             if len(agents):
                 begin = _begins(agents)
@@ -290,7 +290,7 @@ class Terrain:
         triangles = []
         since = 0
         while since < len(plan):
-            breath()
+            check_cancelled()
             before = ends[since - 1] if since else 0
             until = max(int(np.searchsorted(ends, before + PAIRS, side="right")), since + 1)
             run = slice(since, until)

@@ -15,7 +15,7 @@ from ..errors import CrowdError
 from ..levels.budget_fit import Budget
 from ..levels.cost_model import price
 from ..levels.least_tolerance import least_tolerance
-from ..progress import share
+from ..progress import sub_progress
 from .shot import ShotPlan, decide, decided, objective, shared_table, solutions
 from .shot_cost import Bill, Shot, work_in
 from .survey import at_tolerance
@@ -100,15 +100,15 @@ def decide_within(
     """
     limits = _limits(shot, budget)
     _check(shot, limits)
-    plan = yield from share(decide(shot, avoid), 0.0, 1.0 if budget == Budget() else 0.3)
+    plan = yield from sub_progress(decide(shot, avoid), 0.0, 1.0 if budget == Budget() else 0.3)
     if limits.hold(shot, plan.bill.agents_shown):
         return BudgetPlan(**vars(plan), tolerance=0.0)
     thresholds = plan.thresholds
-    tolerance = SPARE * (yield from share(_least_tolerance(shot, limits), 0.3, 0.4))
+    tolerance = SPARE * (yield from sub_progress(_least_tolerance(shot, limits), 0.3, 0.4))
     wide = relaxed(shot, tolerance)
     if tolerance:
-        plan = yield from share(decide(wide, avoid), 0.4, 0.6)
-    found = yield from share(_within(wide, limits, plan), 0.6, 1.0)
+        plan = yield from sub_progress(decide(wide, avoid), 0.4, 0.6)
+    found = yield from sub_progress(_within(wide, limits, plan), 0.6, 1.0)
     least = objective(plan.bill, plan.weight) / (1 + plan.bound)
     bound = objective(found, plan.weight) / least - 1 if least > 0 else 0.0
     return BudgetPlan(found.levels, found, thresholds, plan.weight, bound, tolerance)
@@ -183,7 +183,7 @@ def _within(shot: Shot, limits: _Limits, plan: ShotPlan) -> Generator[float, Non
     weight = high
     for step in range(STEPS):
         solving = _solutions(shot, plan.thresholds, weight, coarsest)
-        bills = yield from share(solving, step / STEPS, (step + 1) / STEPS)
+        bills = yield from sub_progress(solving, step / STEPS, (step + 1) / STEPS)
         within += [found for found in bills if limits.hold(shot, found.agents_shown)]
         if limits.hold(shot, _cheapest(bills, weight).agents_shown):
             low = weight
@@ -203,10 +203,10 @@ def _solutions(
     In that one the meshes that the coarsest LODs show cost next to nothing: a limit of memory may
     leave out all others. Yields the progress.
     """
-    bills, _ = yield from share(solutions(shot, thresholds, weight), 0.0, 0.7)
+    bills, _ = yield from sub_progress(solutions(shot, thresholds, weight), 0.0, 0.7)
     if thresholds.meshes_matter:
         table = shared_table(shot, thresholds, coarsest)
-        levels, _ = yield from share(decided(shot, table, weight), 0.7, 1.0)
+        levels, _ = yield from sub_progress(decided(shot, table, weight), 0.7, 1.0)
         bills.append(Bill(shot, levels))
     return bills
 

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..progress import breath
+from ..progress import check_cancelled
 
 TOGETHER = 8192  # agents of a block: their rows stay in the processor's cache
 
@@ -126,5 +126,5 @@ class Cells:
         It is a place where work that nobody waits for ends.
         """
         for block in self.blocks:
-            breath()
+            check_cancelled()
             yield (block, *(block.table(column) for column in values))

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..animation.phase_classes import Gaits
 from ..crowd.agents import CLASSES, FEWEST_CLASSES
-from ..progress import searched, share
+from ..progress import open_ended_progress, sub_progress
 from .meetings import Changes, Meetings, changes_of, meetings_of
 from .phases import NEAREST, Phases, palette
 from .survey import SEEN, Survey
@@ -91,9 +91,9 @@ def plan_phases(
         return _crowded(meetings, phases, family)
 
     fewest = _in_few_classes(meetings, changes, limit, fixed, family, crowded)
-    phases = yield from share(searched(fewest, ROUNDS), 0.0, 0.75)
+    phases = yield from sub_progress(open_ended_progress(fewest, ROUNDS), 0.0, 0.75)
     nearing = _near_in_fewer(survey, meetings, phases, fixed, crowded)
-    phases = yield from share(searched(nearing, MOST_ROUNDS), 0.75, 1.0)
+    phases = yield from sub_progress(open_ended_progress(nearing, MOST_ROUNDS), 0.75, 1.0)
     if wearer is not None:
         phases = replace(phases, shift=phases.shift[wearer], finer=phases.finer[wearer])
     return PhasePlan(

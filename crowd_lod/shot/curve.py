@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..levels.cost_model import price
-from ..progress import share
+from ..progress import sub_progress
 from .shot import ShotPlan, sampled, solved
 from .shot_cost import Bill, Shot, work_in
 from .survey import Survey, at_tolerance
@@ -87,7 +87,7 @@ def curve_of(shot: Shot, plan: ShotPlan, tolerance: float | None) -> Generator[f
     for step, factor in enumerate(WEIGHTS, 1):
         end = begun + (1 - begun) * step / len(WEIGHTS)
         searching = solved(sample, thresholds, factor * plan.weight)
-        other, _ = yield from share(searching, begun, end)
+        other, _ = yield from sub_progress(searching, begun, end)
         made = point("avoid", other)
         if made not in points and replace(made, kind="plan") not in points:
             points.append(made)

@@ -28,7 +28,7 @@ from ..format import printable
 from ..frame.planned import LEVEL
 from ..levels.assignment import MOST_LEVELS
 from ..npz_file import read_arrays
-from ..progress import breath
+from ..progress import check_cancelled
 from .phases import Phases
 
 VERSION = 3
@@ -114,7 +114,7 @@ def write(path: Path, stored: StoredPlan, levels: Iterable[np.ndarray]) -> None:
     names = (f"levels_{number}" for number in stored.numbers.tolist())
     with ZipFile(path, "w", ZIP_DEFLATED) as file:
         for name, values in chain(zip(names, levels, strict=True), arrays.items()):
-            breath()
+            check_cancelled()
             with file.open(f"{name}.npy", "w", force_zip64=True) as entry:
                 np.lib.format.write_array(entry, values, allow_pickle=False)
 

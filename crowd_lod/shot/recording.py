@@ -12,7 +12,7 @@ from ..animation.phase_classes import Library, Roles
 from ..culling.radar import RadarOptions, radar
 from ..errors import CrowdError
 from ..frame.frame import Frame
-from ..progress import breath, starting_threads
+from ..progress import check_cancelled, starting_threads
 from .blur import blur_of
 from .cells import Cells
 from .neighbors import close_pairs
@@ -126,7 +126,7 @@ class Recording:
             ),
         )
         for f in range(len(records) - 1, -1, -1):
-            breath()
+            check_cancelled()
             record = records.pop()
             at = cells.at(f, np.flatnonzero(_unpacked(record, len(self.group))))
             for name, values in columns.items():
@@ -214,7 +214,7 @@ def _cells_of(records: Sequence[Record], agents: int) -> Cells:
     first = np.zeros(agents, number)
     last = np.zeros(agents, number)
     for f, record in enumerate(records):
-        breath()
+        check_cancelled()
         is_present = _unpacked(record, agents)
         np.copyto(first, f, where=is_present & (last == 0))
         np.copyto(last, f + 1, where=is_present)

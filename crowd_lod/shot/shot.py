@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..levels.cost_model import Work, price
-from ..progress import share
+from ..progress import sub_progress
 from .cells import TOGETHER, Block
 from .shot_cost import NOTICED, UNSEEN, Bill, Shot, work_in
 
@@ -196,17 +196,17 @@ def decide(shot: Shot, avoid: float = 0.05) -> Generator[float, None, ShotPlan]:
     few = SHARING if limit.thresholds.meshes_matter else SAMPLE
     sample, _ = sampled(shot, max(few, len(shot.survey.group) // 100))
     sample_limit = limit if sample is shot else _limit(sample, avoid)
-    weight, solution = yield from share(_search_weight(sample_limit), 0.0, 0.4)
+    weight, solution = yield from sub_progress(_search_weight(sample_limit), 0.0, 0.4)
     for step in range(STEPS):
         if solution is None or step or sample is not shot:
-            solution = yield from share(solved(shot, limit.thresholds, weight), 0.4, 0.8)
+            solution = yield from sub_progress(solved(shot, limit.thresholds, weight), 0.4, 0.8)
         plan_bill, shared = solution
         if limit.holds(plan_bill) or step == STEPS - 1:
             break
         weight /= 1.5  # the sample promised more than the whole keeps
     if not limit.holds(plan_bill):
         plan_bill = Bill(shot, limit.levels)
-    least = yield from share(lower_bound(shot, weight, shared), 0.8, 1.0)
+    least = yield from sub_progress(lower_bound(shot, weight, shared), 0.8, 1.0)
     paid = objective(plan_bill, weight)
     bound = max(paid / least - 1, 0.0) if least > 0 else 0.0
     return ShotPlan(plan_bill.levels, plan_bill, limit.thresholds, weight, bound)
@@ -272,7 +272,7 @@ def _search_weight(limit: Limit) -> Generator[float, None, tuple[float, Solution
     best = None
     for step in range(2 * STEPS):
         middle = float(np.sqrt(low * high))
-        solution = yield from share(
+        solution = yield from sub_progress(
             solved(shot, thresholds, middle), step / (2 * STEPS), (step + 1) / (2 * STEPS)
         )
         if limit.holds(solution[0]):
@@ -309,12 +309,12 @@ def solutions(
     nothing, and all others their whole price. In the third each character shows one LOD in a frame.
     """
     table = _table(shot, thresholds.mesh_shares)
-    levels, shared = yield from share(decided(shot, table, weight), 0.0, 0.5)
+    levels, shared = yield from sub_progress(decided(shot, table, weight), 0.0, 0.5)
     first = Bill(shot, levels)
     if not thresholds.meshes_matter:
         return [first], shared if "traced" not in shot.costs.seconds else None
     table = shared_table(shot, thresholds, first)
-    again, _ = yield from share(decided(shot, table, weight), 0.5, 1.0)
+    again, _ = yield from sub_progress(decided(shot, table, weight), 0.5, 1.0)
     whole = by_character(shot, thresholds.mesh_seconds, weight)
     return [first, Bill(shot, again), Bill(shot, whole)], None
 

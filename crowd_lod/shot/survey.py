@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..animation.phase_classes import Roles
-from ..progress import at_once, breath
+from ..progress import check_cancelled, map_in_threads
 from .cells import Block, Cells
 
 # Kinds of agents in a frame. Hidden ones are counted, and have no cells of their own.
@@ -110,9 +110,11 @@ class Survey:
         """Yield what `measure` returns of each block; threads measure some beside each other."""
         blocks = self.cells.blocks
         is_alone = len(blocks) == 1  # a thread would take a tenth of a small shot's plan
-        results = map(measure, blocks) if is_alone else at_once(measure, zip(blocks, strict=True))
+        results = (
+            map(measure, blocks) if is_alone else map_in_threads(measure, zip(blocks, strict=True))
+        )
         for result in results:
-            breath()
+            check_cancelled()
             yield result
 
     def of(self, agents: np.ndarray) -> "Survey":

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..progress import breath
+from ..progress import check_cancelled
 from . import settings
 from .moving_surface import MovingSurface, Target, length_of
 from .piece_maps import faces_beneath, map_to_neighbors, map_to_one, piece_distances
@@ -120,7 +120,7 @@ class DistanceTo:
         weights = target.on(to, at[:, 0])
         off = np.empty(at.shape[:2])
         for block in blocks(len(at), TOGETHER):
-            breath()
+            check_cancelled()
             corners = target.surface.triangles[to[block]]
             off[block] = length_of(at[block] - target.mix(corners, weights[block], target.poses))
         self.interval.see(off[:, 0], target.base, at[:, 0])
@@ -138,7 +138,7 @@ class DistanceTo:
                 if most is not None and len(far) > most:
                     far = far[np.argpartition(-points.near[far, k], most)[:most]]
                 for block in blocks(len(far), TOGETHER):
-                    breath()
+                    check_cancelled()
                     self._search_again(points, k, far[block])
 
     def _search_again(self, points: MappedPoints, k: int, far: np.ndarray) -> None:
@@ -220,7 +220,7 @@ class DistanceTo:
         most = np.where(on_one[:, None], points.off[pieces].max(axis=1), np.inf)
         far = np.flatnonzero((most > self.interval.enough).any(axis=1))
         for block in blocks(len(far), TOGETHER):
-            breath()
+            check_cancelled()
             self._map_far_pieces(points, pieces, far[block], most)
         return most
 

@@ -13,7 +13,7 @@ from ..crowd.maps import Area
 from ..crowd.paces import Paces
 from ..crowd.terrain import Ground, Terrain
 from ..crowd.velocity_bounds import VelocityBounds
-from ..progress import breath
+from ..progress import check_cancelled
 from ..tracks.tracks import Tracks, in_a_row
 from .trajectory import States, Trajectory
 
@@ -258,7 +258,7 @@ class Recorded(Trajectory):
         rows = self.tracks.ends[0]
         last = self._at_level
         while len(rows):
-            breath()
+            check_cancelled()
             x = samples.x[rows] + self.offset[0]
             y = samples.y[rows] + self.offset[1]
             heights[rows] = ground.at(x, y, last)

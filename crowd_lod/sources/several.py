@@ -12,7 +12,7 @@ from ..crowd.maps import Area
 from ..crowd.paces import Paces
 from ..crowd.velocity_bounds import STANDING, VelocityBounds
 from ..errors import CrowdError
-from ..progress import share
+from ..progress import sub_progress
 from .reused_columns import ReusedColumns
 from .trajectory import States, Trajectory
 
@@ -153,7 +153,7 @@ class Several(Trajectory):
         part = 1 / len(self.members)
         for k, member in enumerate(self.members):
             if self.shown[k]:
-                yield from share(member.approach(time), k * part, (k + 1) * part)
+                yield from sub_progress(member.approach(time), k * part, (k + 1) * part)
         then()
 
     def most_moved(self, times: Sequence[float]) -> float:

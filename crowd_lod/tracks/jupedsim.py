@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import CrowdError
 from ..format import printable
-from ..progress import Ended, breath
+from ..progress import Cancelled, check_cancelled
 from .rows import MOST_ROWS, Rows
 
 MAGIC = b"SQLite format 3\0"
@@ -45,7 +45,7 @@ def read_jupedsim(path: Path, tell: Callable[[float], None] = lambda _: None) ->
                 )
             rows = np.concatenate([np.empty(0, ROW), *_read_rows(database, where, tell)])
     except (sqlite3.Error, TypeError, ValueError, OverflowError, MemoryError) as error:
-        breath()
+        check_cancelled()
         reason = str(error) or "its rows take more memory than there is"
         raise CrowdError(
             f"The database {where} is not one of JuPedSim's, or damaged ({reason}): "
@@ -62,8 +62,8 @@ def read_jupedsim(path: Path, tell: Callable[[float], None] = lambda _: None) ->
 def _is_unwanted() -> bool:
     """Return whether nobody waits for the tracks any longer: SQLite then ends its query."""
     try:
-        breath()
-    except Ended:
+        check_cancelled()
+    except Cancelled:
         return True
     return False
 
@@ -111,6 +111,6 @@ def _read_rows(
     for at in range(0, count, ROWS_AT_ONCE):
         yield np.fromiter(rows, ROW, min(ROWS_AT_ONCE, count - at))
         tell(at / count)
-        breath()
+        check_cancelled()
     if rows.fetchone() is not None:
         raise ValueError(f"it has more rows than the {count:,} of its index")

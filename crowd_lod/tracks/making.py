@@ -7,7 +7,7 @@ import numpy as np
 
 from ..errors import CrowdError
 from ..format import counted
-from ..progress import breath
+from ..progress import check_cancelled
 from . import motion
 from .rows import ASKED, UNITS, Rows
 from .samples import TrackSamples
@@ -27,7 +27,7 @@ def tracks_of(rows: Rows, where: str) -> Tracks:
     """
     ids, agent = np.unique(rows.id, return_inverse=True)
     columns = _by_agent(rows, agent.astype(np.int32))
-    breath()
+    check_cancelled()
     agent = columns["agent"]
     frame = columns["frame"]
     enters = np.diff(agent, prepend=-1) > 0
@@ -39,11 +39,11 @@ def tracks_of(rows: Rows, where: str) -> Tracks:
     step = float(np.median(steps[:: -(-len(steps) // motion.SAMPLE)])) if len(steps) else 1.0
     hidden = seconds > max(HIDES, 1.5 * step / rows.rate)
     crossed = int(np.count_nonzero(elapsed > 1.5 * step)) - int(hidden.sum())
-    breath()
+    check_cancelled()
     _check_speeds(ids, columns, seconds, rows, where)
     timed = columns | {"time": frame / rows.rate}
     motion_columns, paces = _moving(timed, enters, seconds, hidden, ids, step / rows.rate)
-    breath()
+    check_cancelled()
     order, classes = _in_classes(frame, elapsed, step)
     place = np.empty(len(order), np.int32)
     place[order] = np.arange(len(order), dtype=np.int32)
@@ -51,7 +51,7 @@ def tracks_of(rows: Rows, where: str) -> Tracks:
     leaves = np.append(enters[1:], True)
     after[leaves] = place[leaves]
     columns = {**columns, **motion_columns, "hidden": hidden, "after": after}
-    breath()
+    check_cancelled()
     sample_columns: dict[str, Any] = {
         field.name: columns.get(field.name) for field in fields(TrackSamples)
     }

@@ -10,7 +10,7 @@ from pathlib import Path
 from ..errors import CrowdError
 from ..format import printable
 from ..npz_file import MOST_BYTES
-from ..progress import breath
+from ..progress import check_cancelled
 from . import jupedsim, layout, npz, text
 from .making import tracks_of
 from .rows import Rows, check_rows
@@ -90,7 +90,7 @@ def _text_of(path: Path, is_packed: bool) -> bytearray:
         with gzip.open(path) if is_packed else path.open("rb") as file:
             while part := file.read(CHUNK):
                 data += part
-                breath()
+                check_cancelled()
                 if len(part) == CHUNK and b"\n" not in part and b"\r" not in part:
                     raise layout.long_line(where)
                 if len(data) > MOST_BYTES:

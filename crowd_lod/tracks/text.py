@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import CrowdError
-from ..progress import breath
+from ..progress import check_cancelled
 from .layout import ENDS, LONGEST_LINE, Table, layout_of, long_line, split_row
 from .rows import GREATEST, RATES, Rows, check_range, check_rate
 
@@ -43,7 +43,7 @@ def read_text(
             parts[name].append(values)
         position += len(part)
         tell(position / len(data))
-        breath()
+        check_cancelled()
     columns: dict[str, Any] = {
         name: np.concatenate(values) if values else np.empty(0) for name, values in parts.items()
     }

@@ -12,7 +12,7 @@ from ...crowd_lod.crowd.agents import Action, Group
 from ...crowd_lod.crowd.maps import FARTHEST
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import number
-from ...crowd_lod.progress import aside, finished, share, standing
+from ...crowd_lod.progress import constant_progress, finished, run_in_thread, sub_progress
 from ..blender import scene_data, stored_values
 from ..blender.named_actions import performance_of
 from ..blender.performance import Part, Performance
@@ -60,7 +60,7 @@ def measuring_groups(
     for index, character in enumerate(cast):
         base = groups.get(character.variant_of)
         measuring = _measuring_group(scene, character, base, reaches.get(character.name))
-        group = yield from share(measuring, index / len(cast), (index + 1) / len(cast))
+        group = yield from sub_progress(measuring, index / len(cast), (index + 1) / len(cast))
         measured: dict[str, Any] = {}
         if character.name in earlier:
             measured = {key: getattr(earlier[character.name], key) for key in KEPT}
@@ -95,13 +95,13 @@ def _measuring_group(
         acts = yield from _acted(objects, performance)
         # while two actions mix, feet may dip into the ground: nobody is lifted for that
         plain = [act for part, act in zip(performance.parts, acts, strict=True) if not part.mixed]
-        standing_on = aside(lambda: height_of_ground(plain, origin[2]))
+        standing_on = run_in_thread(lambda: height_of_ground(plain, origin[2]))
         # what is worn is no feet
-        low = base.lowest if base else (yield from standing(standing_on, 1.0))
+        low = base.lowest if base else (yield from constant_progress(standing_on, 1.0))
         stand = (*origin[:2], origin[2] + low * on_ground)
         first_name = objects[0].name
-        bounding = aside(lambda: bounds(first_name, stand, *(act.poses for act in acts)))
-        center, radius, girth = yield from standing(bounding, 1.0)
+        bounding = run_in_thread(lambda: bounds(first_name, stand, *(act.poses for act in acts)))
+        center, radius, girth = yield from constant_progress(bounding, 1.0)
     first = performance.parts[0]
     fps = scene_data.frame_rate(scene)
     group = Group(
@@ -131,8 +131,8 @@ def _measuring_group(
     meters = scene_data.meters(scene)
     stride = _custom(scene.crowd_lod.characters, name, "stride") / meters
     group = replace(group, stride=stride or first.root.way, way=first.root.way)
-    walking = aside(lambda: [walked(act) for act in acts[1:]])
-    feet = yield from standing(walking, 1.0)
+    walking = run_in_thread(lambda: [walked(act) for act in acts[1:]])
+    feet = yield from constant_progress(walking, 1.0)
     return replace(group, actions=_actions(group, performance, feet, fps, meters))
 
 
@@ -164,13 +164,13 @@ def _acted(
     acts = []
     count = len(performance.spans)
     for k, span in enumerate(performance.spans):
-        poses = yield from share(
+        poses = yield from sub_progress(
             posing(objects, frames_of(*span), performance), k / count, (k + 0.8) / count
         )
         soles: list[tuple[float, float]] = []
         for count_of_points in SOLES:
             looking = posing(objects, frames_of(*span, count_of_points), performance, sole)
-            soles = yield from share(looking, (k + 0.8) / count, (k + 1) / count)
+            soles = yield from sub_progress(looking, (k + 0.8) / count, (k + 1) / count)
             if not hangs(soles):
                 break
         acts.append(Act(poses, soles))

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...crowd_lod.animation.phase_classes import Gaits, Library
 from ...crowd_lod.levels.cost_model import Holdings
-from ...crowd_lod.progress import standing
+from ...crowd_lod.progress import constant_progress
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender.named_actions import group_performance
 from ..blender.ownership import OWNED
@@ -111,7 +111,9 @@ def holdings_of(
                 act = performance.only(gaits.actions[action])
                 diagonal = groups[g].diagonal or 2 * groups[g].radius
                 ((begin, end),) = act.spans
-                guess = yield from standing(guess_keys(objects, act, diagonal), g / len(groups))
+                guess = yield from constant_progress(
+                    guess_keys(objects, act, diagonal), g / len(groups)
+                )
                 live, baked = (
                     bones[g] * CURVES * ((end - begin) * a_frame + 1) for a_frame in guess
                 )

@@ -4,7 +4,7 @@ from collections.abc import Generator
 from pathlib import Path
 
 from ...crowd_lod.format import printable
-from ...crowd_lod.progress import share
+from ...crowd_lod.progress import sub_progress
 from ...crowd_lod.reporting import files
 from ...crowd_lod.shot import plan_file
 from ..shot import shot_plan
@@ -53,9 +53,9 @@ def plan_shot(args) -> dict:
 
         def work() -> Generator[float, None, tuple[shot_plan.PlannedShot, dict]]:
             planning = shot_plan.plan_shot(scene, request)
-            planned = yield from share(planning, 0.0, shot_plan.PLANNED)
+            planned = yield from sub_progress(planning, 0.0, shot_plan.PLANNED)
             writing = shot_plan.write_plan(part, planned, args.words)
-            return planned, (yield from share(writing, shot_plan.PLANNED, 1.0))
+            return planned, (yield from sub_progress(writing, shot_plan.PLANNED, 1.0))
 
         steps = with_record(scene, request.frames, work)
         planned, content = finish(steps, f"plan of {stem}", args.quiet)

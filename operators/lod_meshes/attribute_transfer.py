@@ -7,7 +7,7 @@ from functools import partial
 import bpy
 import numpy as np
 
-from ...crowd_lod.progress import aside, steps_aside
+from ...crowd_lod.progress import run_in_thread, run_steps_in_thread
 from ...crowd_lod.simplification import triangle_mesh
 from ...crowd_lod.simplification.decimate import LodMesh
 from ..blender import mesh_data
@@ -81,11 +81,11 @@ def dress(name: str, result: LodMesh, source: Source) -> Generator[None, None, b
     for material in source.mesh.materials:
         mesh.materials.append(material)
     yield
-    places = yield from steps_aside(find_places(result, source))
+    places = yield from run_steps_in_thread(find_places(result, source))
     yield
     for key, attribute in read_attributes(source.mesh).items():
         domain, kind, values = attribute
-        carried = yield from aside(partial(_carry, key, attribute, result, source, places))
+        carried = yield from run_in_thread(partial(_carry, key, attribute, result, source, places))
         if carried is not None:
             write_attribute(mesh, key, domain, kind, carried.astype(values.dtype))
     mesh.update()

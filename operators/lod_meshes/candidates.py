@@ -19,7 +19,7 @@ from ...crowd_lod.levels.lengths import (
     in_gaps,
 )
 from ...crowd_lod.levels.selection import View
-from ...crowd_lod.progress import share, standing
+from ...crowd_lod.progress import constant_progress, sub_progress
 from ..blender import removal, stored_values
 from ..blender.material_colors import Looks
 from ..blender.ownership import OWNED
@@ -29,6 +29,7 @@ from ..characters.character_extent import displaced
 from ..characters.given_lods import GivenLod
 from ..machine.scene_world import actions_named
 from . import source_mesh as sources
+from .costs import Costs
 from .deviation import Measure, compare
 from .given_objects import copy_given, read_given
 from .level_objects import (
@@ -44,7 +45,6 @@ from .level_objects import (
 from .measurements import OFTEN_LOST, Measurements
 from .pose_deformation import skin_of
 from .search import Search
-from .workload import Costs
 
 # Custom properties of the collection of one character group in a LOD: the hash of what it was made
 # from, which candidate it is, and how many objects it has. That of the finest LOD also has what was
@@ -150,7 +150,7 @@ class Ladder:
             yield number / len(self.objects)
             if source.mesh:
                 reading = sources.reading_weights(source.mesh)
-                source.weights = yield from standing(reading, number / len(self.objects))
+                source.weights = yield from constant_progress(reading, number / len(self.objects))
             digests.append(sources.object_digest(item, source))
             yield (number + 1) / len(self.objects)
         if not any(source.mesh for source in self.sources):
@@ -279,24 +279,24 @@ class Ladder:
         elif goal in self.given:
             yield from self._measure_given(goal)
         else:
-            counts = yield from share(self._make(goal), 0.0, 0.4)
+            counts = yield from sub_progress(self._make(goal), 0.0, 0.4)
             k = self.goals.index(goal)
             steps = self.judge.level(list(self.homes[goal].objects), k)
             if self._is_whole(goal) and all(source.item.type == "MESH" for source in self.sources):
                 steps = self.judge.whole()
-            deviation = yield from share(steps, 0.4, 1.0)
-            yield from standing(self._note(goal, counts, deviation), 1.0)
+            deviation = yield from sub_progress(steps, 0.4, 1.0)
+            yield from constant_progress(self._note(goal, counts, deviation), 1.0)
 
     def _measure_given(self, goal: float) -> Iterator[float]:
         """Measure a LOD that was given, by tolerance in further frames as well."""
         counts = yield from self._make(goal)
         level = list(self.homes[goal].objects)
         steps = self.judge.level(level, self.goals.index(goal))
-        deviation = yield from share(steps, 0.0, 0.7)
+        deviation = yield from sub_progress(steps, 0.0, 0.7)
         if self.searched:
             steps = self.judge.look_between([level], [deviation])
-            (deviation,) = yield from share(steps, 0.7, 1.0)
-        yield from standing(self._note(goal, counts, deviation), 1.0)
+            (deviation,) = yield from sub_progress(steps, 0.7, 1.0)
+        yield from constant_progress(self._note(goal, counts, deviation), 1.0)
 
     def _make(self, goal: float) -> Generator[float, None, tuple[int, int]]:
         """Make the LOD that keeps the part `goal` of the triangles, or copy the given one.
@@ -315,7 +315,7 @@ class Ladder:
                 parts.append(share_object(source))
             else:
                 steps = make_object(source, goal or 1.0, UNMEASURED_LEAST)
-                parts.append((yield from standing(steps, number / len(self.sources))))
+                parts.append((yield from constant_progress(steps, number / len(self.sources))))
         items, vertices, triangles = zip(*parts, strict=True)
         self._keep(goal, self.objects, items)
         return sum(vertices), sum(triangles)
@@ -326,9 +326,9 @@ class Ladder:
 
     def _read_skins(self) -> Iterator[float]:
         if self.new_homes.keys() <= self.given.keys():
-            yield from standing(self.judge.choose_frames(), 0.0)
+            yield from constant_progress(self.judge.choose_frames(), 0.0)
             for source in self.sources:
-                yield from standing(skin_of(source, self.judge.own_frames), 0.0)
+                yield from constant_progress(skin_of(source, self.judge.own_frames), 0.0)
 
     def _seek(self, length: float) -> Iterator[float]:
         """Search for the LOD that deviates by `length` at most."""
@@ -347,7 +347,7 @@ class Ladder:
         self._keep(length, self.objects, [attempt.item for attempt in tries])
         vertices = sum(attempt.vertices for attempt in tries)
         triangles = sum(attempt.triangles for attempt in tries)
-        yield from standing(self._note(length, (vertices, triangles), deviation), 1.0)
+        yield from constant_progress(self._note(length, (vertices, triangles), deviation), 1.0)
 
     def _keep(
         self,

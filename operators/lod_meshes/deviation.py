@@ -9,7 +9,7 @@ from mathutils.kdtree import KDTree
 
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.progress import aside, share, standing
+from ...crowd_lod.progress import constant_progress, run_in_thread, sub_progress
 from ...crowd_lod.simplification.distance_estimate import estimate_distances
 from ..blender.material_colors import Looks
 from ..blender.named_actions import performance_of
@@ -91,20 +91,20 @@ class Measure:
         """
         if self.character is not None:
             return
-        yield from standing(self.choose_frames(), 0.0)
+        yield from constant_progress(self.choose_frames(), 0.0)
         reading = read_shapes(self.objects, self.frames, self.performance)
-        shapes = yield from share(reading, 0.0, 0.3)
-        diagonals = yield from standing(aside(lambda: _diagonals(shapes)), 0.3)
+        shapes = yield from sub_progress(reading, 0.0, 0.3)
+        diagonals = yield from constant_progress(run_in_thread(lambda: _diagonals(shapes)), 0.3)
         if not diagonals:
             raise CrowdError(
                 f"The character {self.name} shows no face in any pose of its action: check its "
                 f"modifiers."
             )
         self.diagonal = max(diagonals)
-        surfacing = aside(lambda: PosedSurface(shapes))
-        self.character = yield from standing(surfacing, 0.4)
+        surfacing = run_in_thread(lambda: PosedSurface(shapes))
+        self.character = yield from constant_progress(surfacing, 0.4)
         # it takes most of the time
-        yield from standing(aside(lambda: self.character.visible), 0.5)
+        yield from constant_progress(run_in_thread(lambda: self.character.visible), 0.5)
 
     def visible(self, number: int) -> np.ndarray:
         """Return which vertices of the object someone may see, (n,) bool, as it is evaluated.
@@ -156,7 +156,7 @@ class Measure:
         """
         run = max(self.character.runs, key=len)
         shapes = yield from read_shapes(objects, [self.frames[k] for k in run], self.performance)
-        return (yield from aside(lambda: self._estimate(run, shapes, beyond)))
+        return (yield from run_in_thread(lambda: self._estimate(run, shapes, beyond)))
 
     def _estimate(self, run: list[int], shapes: list[Shape], beyond: float) -> Estimate:
         """Return the estimate of a LOD of these `shapes` in the poses of the run."""
@@ -186,13 +186,15 @@ class Measure:
         Returns (deviation, bound, root mean square, moment of the worst pose), meters. CrowdError
         if either has no face in any pose.
         """
-        yield from share(self.read(), 0.0, 0.2)
-        shapes = yield from share(read_shapes(objects, self.frames, self.performance), 0.2, 0.4)
-        surfacing = aside(lambda: PosedSurface(shapes, self.character))
-        lod = yield from standing(surfacing, 0.4)
+        yield from sub_progress(self.read(), 0.0, 0.2)
+        shapes = yield from sub_progress(
+            read_shapes(objects, self.frames, self.performance), 0.2, 0.4
+        )
+        surfacing = run_in_thread(lambda: PosedSurface(shapes, self.character))
+        lod = yield from constant_progress(surfacing, 0.4)
         self._levels[_key(objects)] = lod
-        comparing = aside(lambda: compare_surfaces(self.character, lod, self.frames))
-        compared = yield from standing(comparing, 0.7)
+        comparing = run_in_thread(lambda: compare_surfaces(self.character, lod, self.frames))
+        compared = yield from constant_progress(comparing, 0.7)
         if compared is None:
             raise CrowdError(
                 f"LOD {k} of {self.name} has no face: raise its ratio and press Make LOD Meshes."
@@ -224,11 +226,11 @@ class Measure:
             or any(len(lod.runs) > 1 for lod in lods)
         ):
             return rows
-        pairs = yield from aside(lambda: _watched_pairs(self.character, lods))
+        pairs = yield from run_in_thread(lambda: _watched_pairs(self.character, lods))
         with Posed(self.objects, [levels[k] for k in indices], self.performance) as posed:
-            off = yield from share(look_at(posed, moments, pairs), 0.0, 0.8)
+            off = yield from sub_progress(look_at(posed, moments, pairs), 0.0, 0.8)
             beside = moments_beside(moments, off)
-            closer = yield from share(look_at(posed, beside, pairs), 0.8, 0.9)
+            closer = yield from sub_progress(look_at(posed, beside, pairs), 0.8, 0.9)
             times = np.array([*moments, *beside])
             off = np.concatenate([off, closer], axis=1)
             for number, (k, lod) in enumerate(zip(indices, lods, strict=True)):
@@ -237,7 +239,7 @@ class Measure:
                 )
                 before = rows[k][1]
                 beyond = rows[k][0]  # between places a LOD may be farther off than in any pose
-                while row := (yield from standing(looked.measure(rows[k], beyond), 0.9)):
+                while row := (yield from constant_progress(looked.measure(rows[k], beyond), 0.9)):
                     rows[k] = row
                     beyond = row[1] + BELOW * self.diagonal
                 if rows[k][1] > before:
@@ -287,12 +289,12 @@ def measure(
     for k, level in enumerate(levels):
         rows.append(
             (
-                yield from share(
+                yield from sub_progress(
                     by.level(level, k), 0.8 * k / len(levels), 0.8 * (k + 1) / len(levels)
                 )
             )
         )
-    rows = yield from share(by.look_between(levels, rows), 0.8, 1.0)
+    rows = yield from sub_progress(by.look_between(levels, rows), 0.8, 1.0)
     deviations, bounds, rms, worst = zip(*rows, strict=True)
     return replace(
         group,
@@ -328,7 +330,7 @@ def compare(
     if None in bodies:
         return np.inf
     images = appearance.images()
-    return (yield from aside(lambda: within(*bodies, images, diagonal)))
+    return (yield from run_in_thread(lambda: within(*bodies, images, diagonal)))
 
 
 def meshes_of(levels: bpy.types.Collection, g: int, name: str) -> list[list[bpy.types.Object]]:
@@ -364,7 +366,9 @@ def measure_levels(scene: bpy.types.Scene) -> Iterator[float]:
         meshes = meshes_of(settings.levels, g, name)
         actions = actions_named(scene, name)
         steps = measure(group_by_name[name], objects, meshes, actions)
-        measured_group = yield from share(steps, g / len(characters), (g + 1) / len(characters))
+        measured_group = yield from sub_progress(
+            steps, g / len(characters), (g + 1) / len(characters)
+        )
         if settings.shading_counts:
             appearance = Looks()
             coarser = zip(meshes[1:], measured_group.worst[1:], strict=True)
@@ -373,7 +377,7 @@ def measure_levels(scene: bpy.types.Scene) -> Iterator[float]:
             for mesh, worst in coarser:
                 at = performance, worst
                 comparing = compare(objects, mesh, at, measured_group.diagonal, appearance)
-                shaded.append((yield from standing(comparing, (g + 1) / len(characters))))
+                shaded.append((yield from constant_progress(comparing, (g + 1) / len(characters))))
             measured_group = replace(measured_group, shaded=tuple(shaded))
         measured.append(measured_group)
     store_groups(settings, tuple(measured))

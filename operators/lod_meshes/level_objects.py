@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import bpy
 
-from ...crowd_lod.progress import aside, steps_aside
+from ...crowd_lod.progress import run_in_thread, run_steps_in_thread
 from ...crowd_lod.simplification.decimate import decimating
 from ..blender import mesh_data, removal
 from ..blender.animation import armatures_of
@@ -122,9 +122,9 @@ def _make_mesh(source: sources.Source, ratio: float) -> Generator[None, None, _M
         return _Made(mesh, source.weights, "WHOLE", why, 0.0)
     start = clock.perf_counter()
     charts = yield from charting(source)
-    telling = yield from aside(lambda: source.telling)
+    telling = yield from run_in_thread(lambda: source.telling)
     about = charts.seams, telling, source.share, source.weight
-    result = yield from steps_aside(decimating(source.geometry[:2], ratio, name, *about))
+    result = yield from run_steps_in_thread(decimating(source.geometry[:2], ratio, name, *about))
     spent = clock.perf_counter() - start
     yield
     start = clock.perf_counter()

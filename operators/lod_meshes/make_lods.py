@@ -10,7 +10,7 @@ import bpy
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.crowd.bounding_spheres import cover_sizes
 from ...crowd_lod.format import number
-from ...crowd_lod.progress import aside, share, standing
+from ...crowd_lod.progress import Work, run_in_thread
 from ..blender import removal, scene_data
 from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED, remove_owned
@@ -29,8 +29,8 @@ from ..sources.crowd_parts import measured_parts, note_measured
 from ..sources.record_points import with_record
 from . import selection
 from .candidates import CANDIDATE, Ladder
+from .costs import costs_before, seconds_before
 from .level_objects import TINTS
-from .workload import BEGUN, Workload
 
 
 @dataclass(frozen=True)
@@ -88,12 +88,12 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
     copied = scene_data.is_shared(scene, "levels")
     earlier = None if copied else settings.levels
     before = blocks_now()
-    yield from standing(reading_afresh(scene), 0.0)
+    work = Work(seconds_before(characters, settings))
+    yield from work.take(reading_afresh(scene))
     measured = measured_parts(scene)
     made_for = lod_parts(scene)
     is_done = False
     try:
-        work = Workload()
         ladders, groups, shots = yield from _read_characters(scene, characters, earlier, work)
         choice = yield from _choose(scene, ladders, groups, shots, work)
         homes, edited = yield from _make_missing(ladders, choice.keep, earlier, work)
@@ -160,7 +160,7 @@ def _read_characters(
     scene: bpy.types.Scene,
     characters: Sequence[Character],
     earlier: bpy.types.Collection | None,
-    work: Workload,
+    work: Work,
 ) -> Iterator[float]:
     """Read and measure the characters; yields the progress.
 
@@ -171,21 +171,20 @@ def _read_characters(
     ladders = []
     reaches = {}
     ratios = selection.ratios_of(settings)
-    for g, character in enumerate(characters):
+    for character in characters:
         name = character.name
         place = (*character.origin, float(stands(settings, name)))
         ladder = Ladder(
             name, character.objects, list(ratios), settings, place, character.given_lods
         )
-        begin = BEGUN * g / len(characters)
-        yield from share(ladder.read(), begin, begin + BEGUN / len(characters))
+        yield from work.take(ladder.read(), costs_before(character, settings).load)
         ladder.recall(earlier)
         ladders.append(ladder)
         if ladder.reach:
             reaches[name] = ladder.reach
     unknown = [ladder for ladder in ladders if not ladder.measured.rows]
     reading = sum(ladder.costs.read for ladder in unknown)
-    work.left = reading + sum(ladder.costs.expected for ladder in unknown)
+    work.announce(reading + sum(ladder.costs.expected for ladder in unknown))
     groups = yield from work.take(measuring_groups(scene, reaches), 0.15 * reading)
     shots = [None] * len(groups)
     if settings.choice == "BY_TOLERANCE":
@@ -211,7 +210,7 @@ def _choose(
     ladders: list[Ladder],
     groups: Sequence[Group],
     shots: list,
-    work: Workload,
+    work: Work,
 ) -> Iterator[float]:
     """Choose LODs, some by what is guessed of them; yields the progress.
 
@@ -244,16 +243,18 @@ def _choose(
             measured,
             by_hand,
         )
-        choice = yield from work.take(aside(choosing), 0.0)
+        choice = yield from work.take(run_in_thread(choosing))
         missing = [
             (ladder, k)
             for ladder, keep, indices in zip(ladders, choice.keep, measured, strict=True)
             for k in keep
             if k not in indices
         ]
-        work.left = sum(ladder.costs.make for ladder, _ in missing)
-        work.left += sum(ladder.costs.further for ladder in {ladder for ladder, _ in missing})
-        work.left += sum(ladder.costs.look for ladder in ladders)
+        work.announce(
+            sum(ladder.costs.make for ladder, _ in missing)
+            + sum(ladder.costs.further for ladder in {ladder for ladder, _ in missing})
+            + sum(ladder.costs.look for ladder in ladders)
+        )
         for ladder, k in missing[:1]:  # it says more of the others
             yield from work.take(ladder.measure(ladder.goals[k]), ladder.costs.make)
     return choice
@@ -263,7 +264,7 @@ def _make_missing(
     ladders: list[Ladder],
     keep: Sequence[Sequence[int]],
     earlier: bpy.types.Collection | None,
-    work: Workload,
+    work: Work,
 ) -> Iterator[float]:
     """Find the candidates to `keep` of each ladder, or make them.
 
@@ -285,7 +286,7 @@ def _make_missing(
             yield from work.take(ladder.make(goal), ladder.costs.make)
         yield from work.take(ladder.look_between(goals), ladder.costs.look)
         homes.append([ladder.homes[goal] for goal in goals])
-        yield from work.take(ladder.mark_as_made(homes[-1]), 0.0)
+        yield from work.take(ladder.mark_as_made(homes[-1]))
         used_homes.update(homes[-1])
     return homes, edited
 

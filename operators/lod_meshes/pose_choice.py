@@ -7,7 +7,7 @@ from functools import partial
 import bpy
 import numpy as np
 
-from ...crowd_lod.progress import aside
+from ...crowd_lod.progress import run_in_thread
 from ..blender import mesh_data, removal
 from ..blender.animation import armatures_of
 from ..blender.named_actions import own_performance
@@ -51,7 +51,7 @@ def choose_poses(
         motions = motions or (yield from _motions(objects, times, performance))
         evenly = begin + np.linspace(0, end - begin - 1, even).round().astype(int)
         choosing = partial(_least_alike, motions, (begin, end), frames, evenly.tolist(), most)
-        frames += yield from aside(choosing)
+        frames += yield from run_in_thread(choosing)
     return times[sorted(frames)].tolist()
 
 

@@ -14,7 +14,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.levels.lengths import read_curve
-from ...crowd_lod.progress import aside, share, standing
+from ...crowd_lod.progress import constant_progress, run_in_thread, sub_progress
 from .deviation import Estimate, Measure
 from .dispensable import find_dispensable
 from .level_objects import LEAST, discard
@@ -216,7 +216,7 @@ class Search:
         fitting = yield from self._fitting(length, about)
         if fitting is None:
             objects = yield from self._whole()
-            fitting = objects, (yield from standing(self._measure(objects, length), 1.0))
+            fitting = objects, (yield from constant_progress(self._measure(objects, length), 1.0))
         for curve in self.curves:
             curve.end_length(fitting[0])
         return fitting
@@ -235,15 +235,15 @@ class Search:
             end = 1 - LEFT ** (k + 1)
             measuring = begin + FITTED * (end - begin)
             aim = length / (USUAL * finer)
-            yield from share(self._fit(aim, about), begin, measuring)
+            yield from sub_progress(self._fit(aim, about), begin, measuring)
             objects = self._best(aim)
             if objects in measured_before:
                 continue
             measured_before.append(objects)
-            measured = yield from share(self._measure(objects, length), measuring, end)
+            measured = yield from sub_progress(self._measure(objects, length), measuring, end)
             if measured[1] <= length:
                 return objects, measured
-            yield from standing(self._learn(objects, aim, measured[1] / USUAL), end)
+            yield from constant_progress(self._learn(objects, aim, measured[1] / USUAL), end)
             self._mend_left_out(aim)
         return None
 
@@ -253,9 +253,11 @@ class Search:
         Yields the progress.
         """
         items = [attempt.item for attempt in objects]
-        measured = yield from share(self.by.level(items, 1), 0.0, 0.5)
+        measured = yield from sub_progress(self.by.level(items, 1), 0.0, 0.5)
         if measured[1] <= length:
-            (measured,) = yield from share(self.by.look_between([items], [measured]), 0.5, 1.0)
+            (measured,) = yield from sub_progress(
+                self.by.look_between([items], [measured]), 0.5, 1.0
+            )
         return measured
 
     def _learn(self, objects: list[Try], aim: float, deviation: float) -> Iterator[float]:
@@ -274,7 +276,7 @@ class Search:
                 yield from self._note(number, attempt, estimate)
             missed = [int(np.argmax(estimate.deviations))]
         else:
-            around = yield from aside(self.by.worst_vertices)
+            around = yield from run_in_thread(self.by.worst_vertices)
             missed = [number for number, vertices in enumerate(around) if len(vertices)]
             for number in missed:
                 if self.curves[number].count:
@@ -303,7 +305,7 @@ class Search:
             near = length * self.nearness
             plans = [curve.next_try(near, about) for curve in self.curves]
             if all(ratio is None for ratio in plans):
-                missed = yield from standing(self._miss_left_out(length), estimated)
+                missed = yield from constant_progress(self._miss_left_out(length), estimated)
                 if k + 1 == ROUNDS or not missed:
                     return
                 continue
@@ -311,12 +313,12 @@ class Search:
             objects = [
                 new or curve.best(near) for new, curve in zip(attempts, self.curves, strict=True)
             ]
-            yield from standing(self.by.read(), tried)
+            yield from constant_progress(self.by.read(), tried)
             steps = self.by.estimate([attempt.item for attempt in objects], length)
-            estimate = yield from standing(steps, estimated)
+            estimate = yield from constant_progress(steps, estimated)
             for index, (new, curve) in enumerate(zip(attempts, self.curves, strict=True)):
                 if new:
-                    yield from standing(self._note(index, new, estimate), estimated)
+                    yield from constant_progress(self._note(index, new, estimate), estimated)
                     if not curve.dispensable:
                         curve.known_tries.append(new)
 
@@ -326,10 +328,12 @@ class Search:
 
     def _leave_out(self, length: float) -> Iterator[float]:
         """Find which objects a LOD of the length may leave out; yield the progress."""
-        yield from standing(self.by.read(), 0.0)
+        yield from constant_progress(self.by.read(), 0.0)
         self.nearness = 1.0
         if len(self.curves) > 1:
-            dispensable = yield from aside(lambda: find_dispensable(self.by.character, length))
+            dispensable = yield from run_in_thread(
+                lambda: find_dispensable(self.by.character, length)
+            )
             for curve, is_dispensable in zip(self.curves, dispensable, strict=True):
                 curve.dispensable = bool(is_dispensable) and curve.count > 0
 
@@ -390,7 +394,7 @@ class Search:
         if curve.evaluated is None:
             source = curve.source
             points = source.skin.place[0] if source.skin else source.geometry[0]
-            curve.evaluated = yield from aside(partial(self.by.vertices_at, number, points))
+            curve.evaluated = yield from run_in_thread(partial(self.by.vertices_at, number, points))
         attempt.away = estimate.away[number][curve.evaluated]
 
     def _try(
@@ -401,7 +405,7 @@ class Search:
         for ratio, curve in zip(plans, self.curves, strict=True):
             new = None
             if ratio is not None:
-                made = yield from standing(self.make(curve.source, ratio), progress)
+                made = yield from constant_progress(self.make(curve.source, ratio), progress)
                 new = Try(*made, ratio, curve.weighed)
                 curve.tries.append(new)
             attempts.append(new)

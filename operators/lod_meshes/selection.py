@@ -25,7 +25,7 @@ from ...crowd_lod.levels.selection import (
     fit_in_memory,
     priced,
 )
-from ...crowd_lod.progress import finished, standing
+from ...crowd_lod.progress import constant_progress, finished
 from ...crowd_lod.shot.exceptions import lod_limits
 from ..blender import scene_data
 from ..blender.cameras import reading_cameras
@@ -69,14 +69,14 @@ def views(crowd: SceneCrowd) -> Generator[float, None, list[GroupShot]]:
     looked_at = _frames_looked_at(scene, settings)
     frames = scene_data.frames_of(scene)
     exemptions = chosen_exemptions(crowd, frames) if limits_levels(settings) else ()
-    cameras = yield from standing(reading_cameras(scene, looked_at), 0.0)
+    cameras = yield from constant_progress(reading_cameras(scene, looked_at), 0.0)
     center, radius = (
         np.array([getattr(group, name) for group in trajectory.groups])
         for name in ("center", "radius")
     )
     gaits = trajectory.gaits
     library = crowd.library
-    cast = yield from standing(holdings_of(crowd.characters, trajectory, library), 0.0)
+    cast = yield from constant_progress(holdings_of(crowd.characters, trajectory, library), 0.0)
     first = library.first(gaits)
     moving = library.owner(gaits)[np.unique(cast.moved_as)]
     # the part of a group's characters with rigs: those that move parts count where they are made

@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from ...crowd_lod.progress import aside
+from ...crowd_lod.progress import run_in_thread
 from ...crowd_lod.simplification.closest_point import closest_weights
 from ...crowd_lod.simplification.distance_estimate import Places, places_on, upper_distances
 from ...crowd_lod.simplification.hausdorff import bound_distance
@@ -201,7 +201,7 @@ class Looked:
         if merged is None or other is None:
             return row
         deviation, bound, rms, worst = row
-        apart = yield from aside(lambda: bound_distance(merged.moving, other.moving, bound))
+        apart = yield from run_in_thread(lambda: bound_distance(merged.moving, other.moving, bound))
         if apart.measured > deviation:
             deviation = apart.measured
             worst = exceeding[apart.pose][0]
@@ -224,7 +224,7 @@ class Looked:
             points = self.posed.points(moment)
             self.posed.performance.rest()
             moved_pair = points[0], points[1 + self.number]
-            if (yield from aside(partial(self._is_beyond, moved_pair, whole, beyond))):
+            if (yield from run_in_thread(partial(self._is_beyond, moved_pair, whole, beyond))):
                 exceeding.append((moment, moved_pair))
                 left[np.abs(self.moments - moment) < ALIKE_WITHIN] = 0.0
         return exceeding

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...crowd_lod.connected_components import connected_components
-from ...crowd_lod.progress import aside, finished
+from ...crowd_lod.progress import finished, run_in_thread
 from ...crowd_lod.simplification.closest_point import barycentric
 from ...crowd_lod.simplification.decimate import LodMesh
 from .source_mesh import Source
@@ -59,7 +59,9 @@ def charting(source: Source) -> Generator[float, None, Charts]:
         shading = np.empty((2, len(source.mesh.polygons)), np.int32)
         source.mesh.polygons.foreach_get("material_index", shading[0])
         source.mesh.polygons.foreach_get("use_smooth", shading[1])
-        source.charts = yield from aside(lambda: _charts(triangles, maps, shading[:, faces]))
+        source.charts = yield from run_in_thread(
+            lambda: _charts(triangles, maps, shading[:, faces])
+        )
     return source.charts
 
 

@@ -16,7 +16,7 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import note_of, unplanned_notes
-from ...crowd_lod.progress import share, standing
+from ...crowd_lod.progress import constant_progress, sub_progress
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import frame_stepping, mesh_data, removal, scene_data
 from ..blender.ownership import remove_owned
@@ -69,15 +69,15 @@ def bake(
     crowd = read_crowd(scene)
     check_scene(crowd)
     _check_shutter(scene)
-    read = yield from share(read_library(crowd), 0.0, 0.2)
+    read = yield from sub_progress(read_library(crowd), 0.0, 0.2)
     with removed_on_failure(read.blocks):
         library = Library(read.posed)
-        moments = yield from share(_compute(crowd, library, frames, strict), 0.2, 0.8)
+        moments = yield from sub_progress(_compute(crowd, library, frames, strict), 0.2, 0.8)
     selection = _select_characters(moments.rows, crowd.policy.count)
-    cast = yield from share(make_cast(crowd, selection, read), 0.8, 0.99)
+    cast = yield from sub_progress(make_cast(crowd, selection, read), 0.8, 0.99)
     times = [scene_data.remap(scene.render, number) for number in frames]
     with removed_on_failure(cast.names):
-        yield from standing(trim_actions(cast.rigs, times), 0.99)
+        yield from constant_progress(trim_actions(cast.rigs, times), 0.99)
     top = install(crowd, cast)
     mark(scene, frames)
     _write(top, moments)
@@ -209,9 +209,9 @@ def _compute(
     with frame_stepping.step_frames(scene) as at:
         for k, number in enumerate(frames):
             way = approach(trajectory, scene_data.remap(scene.render, number))
-            yield from share(way, k / len(frames), (k + 0.9) / len(frames))
+            yield from sub_progress(way, k / len(frames), (k + 0.9) / len(frames))
             planning = _plan(crowd, number, at, moments)
-            frame = yield from standing(planning, (k + 0.9) / len(frames))
+            frame = yield from constant_progress(planning, (k + 0.9) / len(frames))
             moments.unplanned.append(note_of(number, frame.unplanned, strict))
             shutter = held_by(crowd, number, frame.crowd)
             for name, agents in members(frame).items():

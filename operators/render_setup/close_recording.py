@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import bpy
 import numpy as np
 
-from ...crowd_lod.progress import share
+from ...crowd_lod.progress import sub_progress
 from ..blender.animation import armatures_of
 from ..blender.performance import Performance
 from ..characters.bone_channels import channels
@@ -78,11 +78,11 @@ def record_closely(
     Yields the progress.
     """
     times = performance.keys(1)
-    bones, places = yield from share(record(actors, times, performance), 0.0, 0.4)
+    bones, places = yield from sub_progress(record(actors, times, performance), 0.0, 0.4)
     reach = {armature: _reach(motion, actors, places) for armature, motion in bones.items()}
     kinks = _kinks(actors, performance)
     recording = Recording(times, bones, places, reach, kinks, np.full(len(times) - 1, np.nan))
-    return (yield from share(refine(recording, actors, performance, most_off), 0.4, 1.0))
+    return (yield from sub_progress(refine(recording, actors, performance, most_off), 0.4, 1.0))
 
 
 def refine(
@@ -96,7 +96,7 @@ def refine(
     while np.isnan(recording.off).any():
         (begins,) = np.nonzero(np.isnan(recording.off))
         times = recording.between()[begins]
-        recorded = yield from share(
+        recorded = yield from sub_progress(
             record(actors, times, performance), _part(rounds), _part(rounds + 1)
         )
         rounds += 1

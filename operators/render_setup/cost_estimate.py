@@ -27,7 +27,7 @@ from ...crowd_lod.levels.cost_model import (
     stored_triangles,
     work_of,
 )
-from ...crowd_lod.progress import aside, share, standing
+from ...crowd_lod.progress import constant_progress, run_in_thread, sub_progress
 from ..blender import frame_stepping, scene_data
 from ..characters.cast_provenance import reading
 from ..characters.holdings import holdings_of
@@ -204,9 +204,9 @@ def estimate(
     check_levels(crowd)
     library = crowd.library
     owner = library.owner(trajectory.gaits)
-    cast = yield from standing(holdings_of(crowd.characters, trajectory, library), 0.0)
+    cast = yield from constant_progress(holdings_of(crowd.characters, trajectory, library), 0.0)
     views = yield from _look_at(crowd, choices, looked_at)
-    of_plan = yield from standing(meshes_of_plan(crowd), 1.0)
+    of_plan = yield from constant_progress(meshes_of_plan(crowd), 1.0)
     works = {}
     mine = CHOICES[settings.choice]
     costs = scene_data.costs_of(scene)
@@ -284,17 +284,17 @@ def _look_at(
     with frame_stepping.step_frames(scene) as at:
         for number_done, number in enumerate(numbers):
             time = scene_data.remap(scene.render, number)
-            yield from share(
+            yield from sub_progress(
                 approach(crowd.trajectory, time),
                 number_done / len(numbers),
                 (number_done + 0.5) / len(numbers),
             )
             moment = lights.read_moment(scene, time, at)
-            yield from standing(reading(scene), (number_done + 0.5) / len(numbers))
+            yield from constant_progress(reading(scene), (number_done + 0.5) / len(numbers))
             use = use_of(crowd.at_present_frame(), time, moment.eyes)
             for name, choice in choices.items():
                 chosen = replace(crowd, policy=choice.policy)
-                frame = yield from aside(partial(frame_by_policy, chosen, moment))
+                frame = yield from run_in_thread(partial(frame_by_policy, chosen, moment))
                 if name == mine:
                     frame = use.applied(frame)
                 agents_shown[name].append(_count_shown(frame, crowd, choice.policy.count))

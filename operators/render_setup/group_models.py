@@ -7,7 +7,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.crowd.agents import Group
-from ...crowd_lod.progress import share
+from ...crowd_lod.progress import sub_progress
 from ..blender import removal, scene_data
 from ..blender.named_actions import group_performance
 from ..blender.performance import Performance
@@ -51,7 +51,7 @@ def read_library(crowd: SceneCrowd) -> Generator[float, None, GroupModels]:
             if lead[g] == g:
                 family = [v for v, leader in enumerate(lead) if leader == g]
                 modeling = _model_group(crowd, measured[g], family, library)
-                yield from share(modeling, g / len(characters), (g + 1) / len(characters))
+                yield from sub_progress(modeling, g / len(characters), (g + 1) / len(characters))
             else:  # a part moves as its wearers do
                 library.posed[g] = library.posed[lead[g]]
                 library.models.append(library.models[lead[g]])
@@ -115,7 +115,7 @@ def _models(
             models.append(alike[0])
             continue
         modeling = rigs.make_model(character, act, blocks)
-        model, reason = yield from share(modeling, k / len(acts), (k + 1) / len(acts))
+        model, reason = yield from sub_progress(modeling, k / len(acts), (k + 1) / len(acts))
         if reason:
             sentences.append(reason)
         if model is None:

@@ -12,7 +12,7 @@ import numpy as np
 from mathutils import Matrix
 
 from ...crowd_lod.animation.phase_classes import Library
-from ...crowd_lod.progress import share
+from ...crowd_lod.progress import sub_progress
 from ...crowd_lod.shot.stand_ins import hold_shown, stand_ins
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import mesh_data, removal
@@ -92,7 +92,7 @@ def make_cast(
     Yields the progress, 0 to 1, and returns the Cast. Closed early, it leaves nothing behind.
     """
     if library is None:
-        library = yield from share(read_library(crowd), 0.0, 0.5)
+        library = yield from sub_progress(read_library(crowd), 0.0, 0.5)
     cast = Cast(
         library.posed,
         [[] for _ in range(crowd.policy.count)],
@@ -108,7 +108,7 @@ def make_cast(
                 [(number, (level, number)) for number in numbers if number in selected]
                 for level, selected in enumerate(selection)
             ]
-        yield from share(_fill_collections(crowd, library, shelves, cast), 0.5, 1.0)
+        yield from sub_progress(_fill_collections(crowd, library, shelves, cast), 0.5, 1.0)
     idle = [block for block in library.blocks if not block.users]  # of groups that nobody shows
     for block in idle:
         del cast.names[block]

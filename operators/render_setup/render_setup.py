@@ -13,7 +13,7 @@ import numpy as np
 from ...crowd_lod.animation.phase_classes import Library
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import number as figure
-from ...crowd_lod.progress import share, standing
+from ...crowd_lod.progress import constant_progress, sub_progress
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import provenance, removal, scene_data, stored_values
 from ..blender.ownership import OWNED, remove_owned
@@ -146,12 +146,12 @@ def build(crowd: SceneCrowd, selection: Selection | None = None) -> Generator[fl
     cast = of_plan = None
     inputs = {}
     if complete:
-        yield from standing(reading(scene), 0.0)
-        of_plan = yield from share(meshes_of_plan(crowd), 0.0, 0.2)
+        yield from constant_progress(reading(scene), 0.0)
+        of_plan = yield from sub_progress(meshes_of_plan(crowd), 0.0, 0.2)
         inputs = _inputs_of_characters(crowd, of_plan)
         cast = _current_cast(scene, inputs)
     if cast is None:
-        cast = yield from share(make_cast(crowd, selection, of_plan=of_plan), 0.2, 1.0)
+        cast = yield from sub_progress(make_cast(crowd, selection, of_plan=of_plan), 0.2, 1.0)
     top = install(crowd, cast)
     if complete:
         provenance.keep(top, MADE_OF, inputs | _digest_shown(top))

@@ -14,7 +14,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ...crowd_lod.progress import standing
+from ...crowd_lod.progress import constant_progress
 from ..blender import mesh_data, removal
 from ..blender.performance import Performance
 from ..characters.bone_motion import NEAR, copy_unlinked
@@ -156,7 +156,7 @@ def make_model(
     while True:
         model = model_of(name, recording, origin, blocks)
         comparing = _off(model, character, performance, recording.to_compare())
-        *between_keys, at_key = yield from standing(comparing, 0.5)
+        *between_keys, at_key = yield from constant_progress(comparing, 0.5)
         off = max([*between_keys, at_key]) / diagonal
         is_off_at_keys = max(between_keys, default=0.0) < 2 * at_key  # more keys do not mend it
         if off <= NEAR or is_off_at_keys or np.isinf(off):

@@ -20,7 +20,7 @@ from ...crowd_lod.format import counted, printable
 from ...crowd_lod.frame.frame_range import spread_evenly
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.levels.assignment import LevelPolicy
-from ...crowd_lod.progress import share, standing
+from ...crowd_lod.progress import constant_progress, sub_progress
 from ...crowd_lod.reporting import error_plots
 from ...crowd_lod.reporting import files as outputs
 from ...crowd_lod.reporting import tables as report
@@ -46,14 +46,14 @@ def error(
     """
     with outputs.staged(folder) as stage:
         cameras.active_camera(scene)
-        groups = yield from standing(measuring_groups(scene), 0.0)
+        groups = yield from constant_progress(measuring_groups(scene), 0.0)
         store_groups(scene.crowd_lod, groups)
         crowd = read_crowd(scene)
         walk = _walk_of(crowd)
-        views = yield from share(_views(crowd), 0.0, 0.5)
+        views = yield from sub_progress(_views(crowd), 0.0, 0.5)
         agents = error_vs_runtime.thin_out(walk.start, MOST_AGENTS)
         measurements = _measurements(crowd, walk, agents, views, repeats)
-        tables = yield from share(_collect(measurements), 0.5, 1.0)
+        tables = yield from sub_progress(_collect(measurements), 0.5, 1.0)
         machine = (
             f"{machine_name()}; {len(agents):,} of {len(crowd.trajectory.start):,} agents, "
             f"medians of {counted(repeats, 'run')}"
@@ -85,7 +85,7 @@ def _views(crowd: SceneCrowd) -> Generator[float, None, list[error_vs_runtime.Vi
     frames = spread_evenly(scene_data.frames_of(scene, scene.crowd_lod.step), VIEWS)
     view_cameras = cameras.cameras_at(scene, frames)
     for k, frame in enumerate(frames):
-        yield from share(approach(trajectory, frame), k / len(frames), (k + 1) / len(frames))
+        yield from sub_progress(approach(trajectory, frame), k / len(frames), (k + 1) / len(frames))
     return [
         (error_vs_runtime.thin_out(trajectory.at(frame), MOST_AGENTS), camera)
         for frame, camera in zip(frames, view_cameras, strict=True)

@@ -12,7 +12,7 @@ import numpy as np
 from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import HIDDEN, note_of
-from ...crowd_lod.progress import aside, share, standing
+from ...crowd_lod.progress import constant_progress, run_in_thread, sub_progress
 from ...crowd_lod.reporting.png_file import save_png
 from ...crowd_lod.validation import image_difference
 from ...crowd_lod.validation.judged_agents import JudgedAgent, choose_agents
@@ -108,10 +108,10 @@ class Proof:
         scene = self.scene
         trajectory = self.crowd.trajectory
         time = scene_data.remap(scene.render, number)
-        yield from share(approach(trajectory, time), 0.0, 0.1)
+        yield from sub_progress(approach(trajectory, time), 0.0, 0.1)
         moment = lights.read_moment(scene, time, self.at)
         self.at((), time)  # back from the times of the shutter: renders follow
-        yield from standing(reading(scene), 0.1)
+        yield from constant_progress(reading(scene), 0.1)
         planned = frame_of(self.crowd.at_present_frame(), moment)
         poses = frame_update.held_by(self.crowd, number, planned.crowd)
         rows = self.proved.rows(trajectory, planned, poses, number)
@@ -124,7 +124,7 @@ class Proof:
             "mirrored": len(agents_of["Mirror"]),
             "strangers": strangers,
         }
-        differences = yield from share(
+        differences = yield from sub_progress(
             self._compare(number, planned, poses, rows, agents_of), 0.1, 1 - CROPS
         )
         row |= differences
@@ -132,7 +132,9 @@ class Proof:
         crops = []
         for judged, pair in zip(judged_agents, pairs, strict=True):
             progress = 1 - CROPS * (1 - len(crops) / len(pairs))
-            crop = yield from standing(lone_crop(self.alone, number, judged, pair), progress)
+            crop = yield from constant_progress(
+                lone_crop(self.alone, number, judged, pair), progress
+            )
             crops.append(crop)
         agents = [crop.facts for crop in crops]
         row |= agents_row(agents, _tolerance(scene, planned))
@@ -142,8 +144,8 @@ class Proof:
         pictures = self.pictures(number)
         if crops:
             pictures.append(self.folder / f"frame_{number:04d}_agents.png")
-            sheet = yield from standing(sheet_of(crops), 1.0)
-            yield from standing(aside(partial(save_png, pictures[-1], sheet)), 1.0)
+            sheet = yield from constant_progress(sheet_of(crops), 1.0)
+            yield from constant_progress(run_in_thread(partial(save_png, pictures[-1], sheet)), 1.0)
         account = {
             "row": row,
             "agents": agents,
@@ -195,15 +197,15 @@ class Proof:
                     render_picture(scene, path)
                 progress = (times + (pictures_done + 1) / len(PICTURES)) / (1 + (bounces > 0))
                 yield progress
-                shot[name] = yield from standing(develop_picture(scene, path), progress)
+                shot[name] = yield from constant_progress(develop_picture(scene, path), progress)
             for name in COMPARED:
                 yield (times + 1) / (1 + (bounces > 0))
                 differing = partial(image_difference.difference_of, shot["a"], shot[name])
-                difference = yield from aside(differing)
+                difference = yield from run_in_thread(differing)
                 row |= {f"{name}{ending}_{key}": value for key, value in vars(difference).items()}
-                picture = yield from aside(partial(amplified, shot["a"], shot[name]))
+                picture = yield from run_in_thread(partial(amplified, shot["a"], shot[name]))
                 path = self.folder / f"frame_{number:04d}_a_{name}{ending}.png"
-                yield from aside(partial(save_png, path, picture))
+                yield from run_in_thread(partial(save_png, path, picture))
         scene.world = worlds[0]
         return row
 

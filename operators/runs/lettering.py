@@ -5,7 +5,7 @@ from collections.abc import Generator, Sequence
 import bpy
 import numpy as np
 
-from ...crowd_lod.progress import aside
+from ...crowd_lod.progress import run_in_thread
 from ...crowd_lod.reporting.tables import SHEET, contact_sheet
 from ...crowd_lod.simplification import rasterizer
 from ..blender import mesh_data, removal
@@ -94,7 +94,7 @@ def labeled_sheet(
     labels: left of each row, of one or more lines; () without.
     legends: below, each in lines of its own.
     """
-    sheet = yield from aside(lambda: contact_sheet(pictures, columns, GAP))
+    sheet = yield from run_in_thread(lambda: contact_sheet(pictures, columns, GAP))
     if titles:
         strip = yield from _titles(titles, sheet.shape[1])
         sheet = np.concatenate([sheet, strip])

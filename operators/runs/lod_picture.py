@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from ...crowd_lod.format import number
-from ...crowd_lod.progress import aside
+from ...crowd_lod.progress import run_in_thread
 from ...crowd_lod.simplification import rasterizer
 from ..lod_meshes.surface import Surface
 from ..lod_meshes.worst_place import InPose
@@ -69,9 +69,9 @@ def draw_lods(
     deviations = []
     for points, corner, view in zip(flat_points, corners, views, strict=True):
         places = (points - corner) * scale * SUPERSAMPLING
-        drawing = yield from aside(partial(_look, places, view.level, fine))
+        drawing = yield from run_in_thread(partial(_look, places, view.level, fine))
         measuring = partial(_distances, view.character, view.level, *drawing[:3])
-        deviations.append((yield from aside(measuring)))
+        deviations.append((yield from run_in_thread(measuring)))
         drawings.append(drawing)
     most = meters * max((float(d.max(initial=0)) for d in deviations), default=0.0)
     layout = _Layout(len(views), *size)
@@ -80,7 +80,7 @@ def draw_lods(
         tint = ramp(
             1 + np.log10(np.maximum(meters * deviations[k] / (most or 1.0), 1e-9)) / DECADES
         )
-        yield from aside(partial(_draw_shaded, sheet, layout, k, drawings[k], tint))
+        yield from run_in_thread(partial(_draw_shaded, sheet, layout, k, drawings[k], tint))
         if deviations[k].any():
             up = (view.worst @ axes[1] - corners[k][1]) * scale
             across = (view.worst @ axes[0] - corners[k][0]) * scale
@@ -88,9 +88,9 @@ def draw_lods(
         elif view.hidden.any():
             inner = Surface(view.character.points, view.character.triangles[view.hidden])
             places = (inner.points @ axes.T - corners[k]) * scale * SUPERSAMPLING
-            pixel, _, _, shade, _ = yield from aside(partial(_look, places, inner, fine))
+            pixel, _, _, shade, _ = yield from run_in_thread(partial(_look, places, inner, fine))
             gray = np.array(HIDDEN) * shade[:, None]
-            yield from aside(partial(_paste, sheet, GAP, layout.left(k), pixel, gray, size))
+            yield from run_in_thread(partial(_paste, sheet, GAP, layout.left(k), pixel, gray, size))
         _write_captions(sheet, layout, k, captions[k], notes[k])
         yield 0.0
     if most:

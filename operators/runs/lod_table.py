@@ -13,7 +13,7 @@ import numpy as np
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.levels.assignment import pixels_of
-from ...crowd_lod.progress import aside, share, standing
+from ...crowd_lod.progress import constant_progress, run_in_thread, sub_progress
 from ...crowd_lod.reporting.png_file import save_png
 from ...crowd_lod.validation import silhouette
 from ..blender import scene_data
@@ -61,13 +61,13 @@ def tables(
         entries.append(entry)
         if g < pictured:
             measuring = character.measure(entry["levels"])
-            views = yield from share(measuring, g / pictured, (g + 0.7) / pictured)
+            views = yield from sub_progress(measuring, g / pictured, (g + 0.7) / pictured)
             if None not in views:
                 entry["picture"] = _file_name(group.name, g, file_names)
                 drawing = character.draw(entry["levels"], views)
-                pixels = yield from standing(drawing, (g + 0.7) / pictured)
-                saving = aside(partial(save_png, folder / entry["picture"], pixels))
-                yield from standing(saving, (g + 0.9) / pictured)
+                pixels = yield from constant_progress(drawing, (g + 0.7) / pictured)
+                saving = run_in_thread(partial(save_png, folder / entry["picture"], pixels))
+                yield from constant_progress(saving, (g + 0.9) / pictured)
             yield (g + 1) / pictured
     return entries
 
@@ -134,12 +134,14 @@ class _Pictured:
                 self.performance.rest()
                 if not done:
                     whole = PosedSurface([character])
-                looking = aside(partial(look_in_pose, whole, character, levels[k if done else 0]))
-                views.append((yield from standing(looking, done / len(rows))))
+                looking = run_in_thread(
+                    partial(look_in_pose, whole, character, levels[k if done else 0])
+                )
+                views.append((yield from constant_progress(looking, done / len(rows))))
                 if done:
                     predicted = rows[k]["predicted_px"] or 1.0
                     measuring = self._measured(posed, k, predicted, materials)
-                    rows[k] |= yield from standing(measuring, (done + 0.3) / len(rows))
+                    rows[k] |= yield from constant_progress(measuring, (done + 0.3) / len(rows))
         return views
 
     def _measured(
@@ -162,14 +164,14 @@ class _Pictured:
             for shape in (character, levels[k])
         )
         view = self.center, distance, self.camera
-        least, most = yield from aside(partial(silhouette.error, *pair, *view, predicted))
+        least, most = yield from run_in_thread(partial(silhouette.error, *pair, *view, predicted))
         facts = {
             "measured_px": _known((least + most) / 2),
             "measured_px_between": [_known(least), _known(most)],
         }
         if None not in bodies:
             comparing = partial(alike, *bodies, materials.images(), *view)
-            difference, similarity = yield from aside(comparing)
+            difference, similarity = yield from run_in_thread(comparing)
             facts |= {"picture_difference": difference, "picture_similarity": similarity}
         return facts
 

@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.culling.camera import Camera, Window
-from ...crowd_lod.progress import aside
+from ...crowd_lod.progress import run_in_thread
 from ...crowd_lod.reporting import file_checks
 from ...crowd_lod.srgb import encoded
 from ...crowd_lod.validation import silhouette
@@ -185,7 +185,7 @@ def lone_crop(
     yield 0.5
     as_built = stage.render(number, pair[1])
     yield 1.0
-    facts = yield from aside(partial(facts_of, judged, full, as_built, finer))
+    facts = yield from run_in_thread(partial(facts_of, judged, full, as_built, finer))
     return LoneCrop(full, as_built, facts)
 
 
@@ -255,7 +255,7 @@ def sheet_of(crops: Sequence[LoneCrop]) -> Generator[float, None, np.ndarray]:
     for k in worst_agents([crop.facts for crop in crops]):
         crop = crops[k]
         step = max(1, int(np.ceil(max(crop.full.shape[:2]) / TILE)))
-        tiles += yield from aside(partial(_tiles, crop, step))
+        tiles += yield from run_in_thread(partial(_tiles, crop, step))
         labels.append(
             f"Agent {crop.facts['agent']:,}\nLOD {crop.facts['lod']}\n"
             + describe_difference(crop.facts)

@@ -18,7 +18,7 @@ from ...crowd_lod.frame.frame_range import spread_evenly
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import note_of, unplanned_notes
 from ...crowd_lod.levels.assignment import deviations
-from ...crowd_lod.progress import aside, share, standing
+from ...crowd_lod.progress import constant_progress, run_in_thread, sub_progress
 from ...crowd_lod.reporting import tables
 from ...crowd_lod.reporting.frame_parts import FrameParts
 from ...crowd_lod.reporting.html_report import page
@@ -87,24 +87,26 @@ def preview(
             ready = yield from _with_levels(scene)
             sharing.save(folder)
         on = staged(scene, task)
-        ready += yield from share(_with_levels(on.stage), ready, ready + 1)
+        ready += yield from sub_progress(_with_levels(on.stage), ready, ready + 1)
         plan_folder = (
             folder
             if sharing.part is None
             else Path(opened.enter_context(tempfile.TemporaryDirectory()))
         )
         crowd = read_crowd(on.stage)  # the LODs are there now
-        shot = yield from share(_planned_shot(crowd, task, plan_folder), ready, ready + PLANNED)
+        shot = yield from sub_progress(
+            _planned_shot(crowd, task, plan_folder), ready, ready + PLANNED
+        )
         ready += PLANNED * (shot is not None)
         run = _begin(crowd, on, folder, opened)
         lods, frames, legends = yield from _picture(run, sharing, ready)
         if sharing.part is not None:
             return {"frames": [frame["row"] for frame in frames]}
-        plan = yield from standing(_describe(run, command, lods, frames), 0.95)
+        plan = yield from constant_progress(_describe(run, command, lods, frames), 0.95)
         if shot is not None:
             plan |= {key: shot_json(shot)[key] for key in ("made_for", "shot")}
         plan["seconds"] = round(clock.perf_counter() - started, 3)
-        yield from standing(_write(run, frames, plan, shot, legends), 0.95)
+        yield from constant_progress(_write(run, frames, plan, shot, legends), 0.95)
         yield 1.0
         return plan
 
@@ -147,15 +149,15 @@ def _picture(
     legends = []
     with sharing.helped(run.folder, frames) as helpers:
         if sharing.part is None:  # while other processes make frames
-            first = yield from standing(run.at_first(), ready)
+            first = yield from constant_progress(run.at_first(), ready)
             legends = legends_of(run.on.task.color, first)
             describing = lod_table.tables(run.crowd, first.camera, first.begins, run.folder)
             work = LOD * lod_table.count_pictured(run.crowd.trajectory.groups)
             described = ready + (0.95 - ready) * work / (work + len(frames))
-            lods = yield from share(describing, ready, described)
+            lods = yield from sub_progress(describing, ready, described)
             ready = described
         making = make_frames(parts, frames, sharing, run.shots.prepare, run.shoot, helpers)
-        pictured = yield from share(making, ready, 0.95)
+        pictured = yield from sub_progress(making, ready, 0.95)
     return lods, pictured, legends
 
 
@@ -200,7 +202,7 @@ def _write(
     (folder / "report.html").write_text(report, encoding="utf-8")
     pictures = [run.pictures(number) for number in run.on.task.frames]
     sheet = yield from _sheet(pictures, legends)
-    yield from aside(partial(save_png, folder / "contact_sheet.png", sheet))
+    yield from run_in_thread(partial(save_png, folder / "contact_sheet.png", sheet))
 
 
 def _with_levels(stage: bpy.types.Scene) -> Generator[float, None, float]:
@@ -212,13 +214,13 @@ def _with_levels(stage: bpy.types.Scene) -> Generator[float, None, float]:
     layer = stage.view_layers[0]
     settings = stage.crowd_lod
     layer.update()
-    store_groups(settings, (yield from standing(measuring_groups(stage), 0.0)))
+    store_groups(settings, (yield from constant_progress(measuring_groups(stage), 0.0)))
     crowd = read_crowd(stage)
-    yield from standing(approach(crowd.trajectory, scene_data.time_of(stage)), 0.0)
+    yield from constant_progress(approach(crowd.trajectory, scene_data.time_of(stage)), 0.0)
     frame_of(crowd, moment_now(stage, layer.depsgraph))
     if settings.levels is not None and deviations(groups_of(settings), crowd.policy) is not None:
         return 0.0
-    yield from share(
+    yield from sub_progress(
         (make_levels if settings.levels is None else measure_levels)(stage), 0.0, LEVELS
     )
     return LEVELS
@@ -278,8 +280,8 @@ class _Run:
         """
         stage = self.on.stage
         main, above = self.pictures(number)
-        yield from share(self.approach(number), 0.0, BEHAVIOR)
-        frame = yield from standing(self.planned(number), BEHAVIOR)
+        yield from sub_progress(self.approach(number), 0.0, BEHAVIOR)
+        frame = yield from constant_progress(self.planned(number), BEHAVIOR)
         caption = stage.render.stamp_note_text = _caption(frame)
         took = {}
         for part, work in (
@@ -399,7 +401,7 @@ def _sheet(
     for path in (path for pair in pairs for path in pair):
         yield 0.0
         pixels = image_data.load_pixels(path)
-        shrunk.append((yield from aside(partial(tables.shrink, pixels, THUMBNAIL))))
+        shrunk.append((yield from run_in_thread(partial(tables.shrink, pixels, THUMBNAIL))))
     return (yield from labeled_sheet(shrunk, 2 if len(pairs) % 2 else 4, legends=legends))
 
 

@@ -4,7 +4,7 @@ from collections.abc import Generator, Sequence
 from functools import partial
 from typing import Any
 
-from ...crowd_lod.progress import aside
+from ...crowd_lod.progress import run_in_thread
 from ...crowd_lod.validation.leave_out_timing import savings
 from ..blender import cameras
 from ..scene import lights
@@ -64,7 +64,7 @@ def _left_out(
     time = max(number, trajectory.first_frame + 2)
     now = crowd.at_present_frame()
     measuring = partial(savings, trajectory, eyes, now.policy, time, (), now.bias)
-    savings_of = yield from aside(measuring)
+    savings_of = yield from run_in_thread(measuring)
     measured = [
         {
             "stage": item.stage,

@@ -19,7 +19,7 @@ import bpy
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import printable
 from ...crowd_lod.frame.frame_range import frames_are
-from ...crowd_lod.progress import share
+from ...crowd_lod.progress import sub_progress
 from ...crowd_lod.reporting import files, frame_parts
 from ...crowd_lod.reporting.frame_parts import FrameParts
 from ..blender import console
@@ -153,10 +153,10 @@ def make_frames(
                 continue
             sharing.check_parent()
             if not prepared:
-                yield from share(prepare(), 0.0, PREPARED)
+                yield from sub_progress(prepare(), 0.0, PREPARED)
                 prepared = True
             steps = (PREPARED + (1 - PREPARED) * (k + end) / len(turn) for end in range(2))
-            new_facts, pictures = yield from share(make(number), *steps)
+            new_facts, pictures = yield from sub_progress(make(number), *steps)
             # the folder may be another run's by now, and the plan that the frame follows gone
             sharing.check_parent()
             facts[number] = parts.store(number, new_facts, pictures)

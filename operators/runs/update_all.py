@@ -10,7 +10,7 @@ import bpy
 
 from ...crowd_lod.errors import FAULTS, CrowdError
 from ...crowd_lod.errors import sentence as fault_sentence
-from ...crowd_lod.progress import share, standing
+from ...crowd_lod.progress import constant_progress, sub_progress
 from ..blender import scene_data
 from ..blender.operator import Stepwise
 from ..blender.provenance import name_inputs
@@ -139,21 +139,21 @@ def update_all(
     it leaves the steps that are done, and undoes the one at work. CrowdError names the step that
     failed.
     """
-    yield from standing(reading_afresh(scene), 0.0)
+    yield from constant_progress(reading_afresh(scene), 0.0)
     steps = update_steps(scene, bakes)
     begin = 0.0
     sentences: dict[str, str] = {}
     for k, step in enumerate(steps):
-        if (yield from standing(_reason(scene, step, bakes), begin)):
+        if (yield from constant_progress(_reason(scene, step, bakes), begin)):
             if sentences:
                 note(next(reversed(sentences)))
             left = sum(later.seconds for later in steps[k:])
             end = begin + (1 - begin) * step.seconds / left
             try:
-                sentences[step.label] = yield from share(step.work(scene), begin, end)
+                sentences[step.label] = yield from sub_progress(step.work(scene), begin, end)
             except FAULTS as fault:
                 raise CrowdError(_failed(step.label, sentences, fault)) from fault
-            yield from standing(reading_afresh(scene), end)
+            yield from constant_progress(reading_afresh(scene), end)
             begin = end
     look_again(scene)
     return sentences

@@ -12,7 +12,7 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame_range import spread_evenly
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import unplanned_notes
-from ...crowd_lod.progress import aside, share, standing
+from ...crowd_lod.progress import constant_progress, run_in_thread, sub_progress
 from ...crowd_lod.reporting import tables
 from ...crowd_lod.reporting.frame_parts import FrameParts
 from ...crowd_lod.reporting.png_file import save_png
@@ -77,7 +77,7 @@ def verify(
         left_out = never_shown(scene)
         not_proved = what_is_not_proved(scene, task)
         frames_proved = task.frames if sharing.part is None else sharing.part
-        proved = yield from standing(build_of(scene, frames_proved), 0.0)
+        proved = yield from constant_progress(build_of(scene, frames_proved), 0.0)
         left_out += unlike_renders(scene, proved)
         size = _set_up(scene, task, proved, opened)
         crowd = yield from _prepare_crowd(scene)
@@ -151,12 +151,12 @@ def _prepare_crowd(scene: bpy.types.Scene) -> Generator[float, None, SceneCrowd]
     is said before the work begins.
     """
     settings = scene.crowd_lod
-    store_groups(settings, (yield from standing(measuring_groups(scene), 0.0)))
+    store_groups(settings, (yield from constant_progress(measuring_groups(scene), 0.0)))
     crowd = read_crowd(scene)
-    yield from standing(approach(crowd.trajectory, scene_data.time_of(scene)), 0.0)
+    yield from constant_progress(approach(crowd.trajectory, scene_data.time_of(scene)), 0.0)
     frame_of(crowd, moment_now(scene, scene.view_layers[0].depsgraph))
     if settings.levels is None:
-        yield from share(make_levels(scene), 0.0, LODS_MADE)
+        yield from sub_progress(make_levels(scene), 0.0, LODS_MADE)
         crowd = read_crowd(scene)  # its groups have LODs now
     return crowd
 
@@ -167,7 +167,7 @@ def _prove_frames(run: Proof, sharing: Sharing) -> Generator[float, None, list[d
     parts = FrameParts(run.folder, state_of(run.crowd, run.task))
     with sharing.helped(run.folder, frames) as helpers:
         making = make_frames(parts, frames, sharing, run.prepare, run.prove, helpers)
-        return (yield from share(making, LODS_MADE, 0.95))
+        return (yield from sub_progress(making, LODS_MADE, 0.95))
 
 
 def _aim_nowhere(scene: bpy.types.Scene, opened: ExitStack) -> None:
@@ -198,9 +198,9 @@ def _write(run: Proof, result: dict[str, Any]) -> Iterator[float]:
             yield 0.95
     lights = ("", "\nwith bounces") if run.task.bounces else ("",)
     labels = [f"Frame {number}{light}" for number in frames for light in lights]
-    sheet = yield from standing(labeled_sheet(tiles, len(TITLES), TITLES, labels), 0.95)
-    saving = aside(partial(save_png, folder / "contact_sheet.png", sheet))
-    yield from standing(saving, 0.95)
+    sheet = yield from constant_progress(labeled_sheet(tiles, len(TITLES), TITLES, labels), 0.95)
+    saving = run_in_thread(partial(save_png, folder / "contact_sheet.png", sheet))
+    yield from constant_progress(saving, 0.95)
 
 
 def _result(

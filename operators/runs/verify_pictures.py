@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.culling.stereo import EYES
-from ...crowd_lod.progress import aside
+from ...crowd_lod.progress import run_in_thread
 from ...crowd_lod.reporting import file_checks
 from ...crowd_lod.reporting.png_file import save_png
 from ..blender import cameras, cleanup, console, image_data, removal
@@ -95,7 +95,7 @@ def develop_picture(stage: bpy.types.Scene, path: Path) -> Generator[float, None
         raw.unlink()
         png.unlink()
         yield 0.0
-    yield from aside(partial(save_png, path, np.concatenate(pixels, axis=1)))
+    yield from run_in_thread(partial(save_png, path, np.concatenate(pixels, axis=1)))
     return np.concatenate(values, axis=1)
 
 

@@ -7,7 +7,7 @@ import bpy
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.crowd.wardrobe import count_people
 from ...crowd_lod.format import counted
-from ...crowd_lod.progress import aside, standing
+from ...crowd_lod.progress import constant_progress, run_in_thread
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import kept_meshes, scene_data
 from ..blender.operator import Stepwise
@@ -42,7 +42,7 @@ def populate_scene(
     depsgraph = crowd_sources.depsgraph_of(scene)
     depsgraph.update()
     crowds = crowd_sources.crowds_of(settings)
-    yield from standing(reading_motions(scene), 0.0)
+    yield from constant_progress(reading_motions(scene), 0.0)
     made_of = crowd_parts(scene)
     set_lengths(scene)
     for crowd in crowds:
@@ -52,7 +52,9 @@ def populate_scene(
         yield from crowd_sources.read_sources(crowds, settings.forward, depsgraph)
         groups = yield from measuring_groups(scene)
         trajectory = crowd_sources.populate_crowds(scene, groups, depsgraph)
-        troubles = yield from aside(lambda: find(trajectory, scene_data.meters(scene)), lambda: 1.0)
+        troubles = yield from run_in_thread(
+            lambda: find(trajectory, scene_data.meters(scene)), lambda: 1.0
+        )
         warnings = [troubles.sentence] if troubles.troubles else []
         warnings += _warnings(scene, groups, crowds, trajectory, depsgraph)
     store_groups(settings, groups)

@@ -15,7 +15,7 @@ from ...crowd_lod import __version__
 from ...crowd_lod.behavior.walk import walks_of
 from ...crowd_lod.format import printable
 from ...crowd_lod.levels.budget_fit import Budget
-from ...crowd_lod.progress import aside
+from ...crowd_lod.progress import run_in_thread
 from ...crowd_lod.reporting import tables
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import cameras, scene_data
@@ -44,7 +44,7 @@ def scene_json(
     settings = crowd.settings
     trajectory = crowd.trajectory
     meters = scene_data.meters(crowd.scene)
-    troubles = yield from aside(lambda: find(trajectory, meters))
+    troubles = yield from run_in_thread(lambda: find(trajectory, meters))
     return {
         "version": tables.PLAN_VERSION,
         "command": command,

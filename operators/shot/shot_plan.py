@@ -14,7 +14,12 @@ from ...crowd_lod.format import counted, number, printable
 from ...crowd_lod.frame.planned import PINNED, camera_of
 from ...crowd_lod.levels.assignment import deviations
 from ...crowd_lod.levels.budget_fit import Budget
-from ...crowd_lod.progress import aside, share, standing, steps_aside
+from ...crowd_lod.progress import (
+    constant_progress,
+    run_in_thread,
+    run_steps_in_thread,
+    sub_progress,
+)
 from ...crowd_lod.reporting import files, tables
 from ...crowd_lod.reporting.shot_json import shot_facts
 from ...crowd_lod.reporting.shot_page import shot_page
@@ -102,10 +107,10 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
             f"may add, such as 0.05."
         )
     check_recorded(scene, "Plan Shot")
-    yield from standing(cast_provenance.reading_afresh(scene), 0.0)
+    yield from constant_progress(cast_provenance.reading_afresh(scene), 0.0)
     begin = READY if scene.crowd_lod.levels is None else 0.0
-    crowd = yield from share(ready(scene), 0.0, begin)
-    return (yield from share(_plan_ready(crowd, request), begin, 1.0))
+    crowd = yield from sub_progress(ready(scene), 0.0, begin)
+    return (yield from sub_progress(_plan_ready(crowd, request), begin, 1.0))
 
 
 def _plan_ready(crowd: SceneCrowd, request: PlanRequest) -> Generator[float, None, PlannedShot]:
@@ -116,11 +121,11 @@ def _plan_ready(crowd: SceneCrowd, request: PlanRequest) -> Generator[float, Non
     trajectory = crowd.trajectory
     tolerance = crowd.policy.tolerance
     exemptions = exemptions_of(crowd, request.frames)
-    yield from standing(cast_provenance.reading(crowd.scene), 0.0)
+    yield from constant_progress(cast_provenance.reading(crowd.scene), 0.0)
     made_for = shot_reference.plan_inputs(crowd) | request_parts(
         crowd.scene, request.frames, request.avoid, request.budget
     )
-    through = yield from share(survey_of(crowd, request.frames), 0.0, surveyed)
+    through = yield from sub_progress(survey_of(crowd, request.frames), 0.0, surveyed)
     coloring = plan_phases(
         through.survey,
         strides_of(crowd.groups_in_meters, trajectory.gaits),
@@ -128,14 +133,18 @@ def _plan_ready(crowd: SceneCrowd, request: PlanRequest) -> Generator[float, Non
         trajectory.given_phases,
         trajectory.wearer,
     )
-    phases = yield from share(steps_aside(coloring), surveyed, colored)
-    casting = aside(lambda: recast(through.survey, phases.phases))
-    survey = yield from standing(casting, colored)
-    shot = yield from standing(_shot_of(crowd, excepted(survey, exemptions)), colored)
-    deciding = steps_aside(decide_within(shot, request.budget, request.avoid))
-    plan = yield from share(deciding, colored, decided)
-    report = yield from share(_report_on(crowd, through, phases, shot, plan), decided, reported)
-    points = yield from share(steps_aside(find_points(shot, tolerance)), reported, 1.0)
+    phases = yield from sub_progress(run_steps_in_thread(coloring), surveyed, colored)
+    casting = run_in_thread(lambda: recast(through.survey, phases.phases))
+    survey = yield from constant_progress(casting, colored)
+    shot = yield from constant_progress(_shot_of(crowd, excepted(survey, exemptions)), colored)
+    deciding = run_steps_in_thread(decide_within(shot, request.budget, request.avoid))
+    plan = yield from sub_progress(deciding, colored, decided)
+    report = yield from sub_progress(
+        _report_on(crowd, through, phases, shot, plan), decided, reported
+    )
+    points = yield from sub_progress(
+        run_steps_in_thread(find_points(shot, tolerance)), reported, 1.0
+    )
     stored = plan_file.StoredPlan(
         path=request.folder / plan_file.NAME,
         numbers=survey.numbers,
@@ -144,7 +153,11 @@ def _plan_ready(crowd: SceneCrowd, request: PlanRequest) -> Generator[float, Non
         made_for=made_for,
         tolerance=max(plan.tolerance, tolerance or 0.0) or None,
         phases=phases.phases,
-        cast=(yield from standing(aside(lambda: needed_meshes(shot, plan.bill.agents_shown)), 1.0)),
+        cast=(
+            yield from constant_progress(
+                run_in_thread(lambda: needed_meshes(shot, plan.bill.agents_shown)), 1.0
+            )
+        ),
         blend_file=printable(Path(bpy.data.filepath).name),
     )
     return PlannedShot(crowd, shot, plan, stored, report, request, exemptions, points)
@@ -153,7 +166,7 @@ def _plan_ready(crowd: SceneCrowd, request: PlanRequest) -> Generator[float, Non
 def _shot_of(crowd: SceneCrowd, survey: Survey) -> Generator[float, None, Shot]:
     """Read the shot of the crowd that was surveyed; yields the progress, returns the Shot."""
     cast = yield from holdings_of(crowd.characters, crowd.trajectory, crowd.library)
-    is_used = yield from aside(lambda: seen_characters(survey))
+    is_used = yield from run_in_thread(lambda: seen_characters(survey))
     return Shot(
         survey,
         meshes_of(crowd.groups_in_meters, crowd.policy.count),
@@ -172,16 +185,18 @@ def _report_on(
     eyes = [camera_of(numbers) for numbers in through.cameras[:, 0]]
     meters = scene_data.meters(scene)
     radius = meters * trajectory.spheres.radius
-    changes = yield from standing(aside(lambda: noticed(shot, plan.levels, radius)), 0.0)
-    judging = aside(lambda: verdict_of(shot.survey, changes, eyes, meters))
-    curve = steps_aside(curve_of(shot, plan, crowd.policy.tolerance))
+    changes = yield from constant_progress(
+        run_in_thread(lambda: noticed(shot, plan.levels, radius)), 0.0
+    )
+    judging = run_in_thread(lambda: verdict_of(shot.survey, changes, eyes, meters))
+    curve = run_steps_in_thread(curve_of(shot, plan, crowd.policy.tolerance))
     names = [group.name for group in trajectory.groups]
     return ShotReport(
         title=Path(bpy.data.filepath).stem or scene.name,
         shot=shot,
         plan=plan,
         noticed=changes,
-        verdict=(yield from standing(judging, 0.0)),
+        verdict=(yield from constant_progress(judging, 0.0)),
         curve=(yield from curve),
         names=names,
         phases=phases,
@@ -201,11 +216,11 @@ def ready(scene: bpy.types.Scene) -> Generator[float, None, SceneCrowd]:
     cameras.active_camera(scene), characters_of(scene)
     settings = scene.crowd_lod
     if not len(settings.groups):
-        store_groups(settings, (yield from share(measuring_groups(scene), 0.0, 0.1)))
+        store_groups(settings, (yield from sub_progress(measuring_groups(scene), 0.0, 0.1)))
     if settings.levels is None:
-        yield from share(make_levels(scene), 0.1, 1.0)
+        yield from sub_progress(make_levels(scene), 0.1, 1.0)
     elif deviations(groups_of(settings), policy_of(settings)) is None:
-        yield from share(measure_levels(scene), 0.1, 1.0)
+        yield from sub_progress(measure_levels(scene), 0.1, 1.0)
     crowd = read_crowd(scene)
     check_levels(crowd)  # those made for other settings may be fewer
     return crowd
@@ -220,8 +235,8 @@ def write_plan(
     """
     last = int(planned.stored.numbers[-1])
     telling = scene_json(planned.crowd, planned.crowd.scene, command, last, [])
-    content = yield from standing(telling, 0.0)
-    yield from steps_aside(_writing(folder, planned, content))
+    content = yield from constant_progress(telling, 0.0)
+    yield from run_steps_in_thread(_writing(folder, planned, content))
     return content
 
 
@@ -331,13 +346,13 @@ def plan_of_settings(scene: bpy.types.Scene) -> Generator[float, None, str]:
     written at the end, all or none.
     """
     settings = scene.crowd_lod
-    yield from standing(refuse_budget(scene), 0.0)
+    yield from constant_progress(refuse_budget(scene), 0.0)
     place = output_path(scene, "plan")
     folder = full_path(place)
     with files.staged(folder, plan_file.NAME) as part:
         request = wanted_of(scene, folder, scene_data.frames_of(scene))
-        planned = yield from share(plan_shot(scene, request), 0.0, PLANNED)
-        yield from share(write_plan(part, planned, ["sidebar"]), PLANNED, 1.0)
+        planned = yield from sub_progress(plan_shot(scene, request), 0.0, PLANNED)
+        yield from sub_progress(write_plan(part, planned, ["sidebar"]), PLANNED, 1.0)
     settings.shot_plan = f"{place}/{plan_file.NAME}"
     settings.use_shot_plan = True
     return f"{sentence(planned)} The plan is in {place_of(folder)}."

@@ -12,7 +12,7 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import numbers_of
-from ...crowd_lod.progress import aside, share, standing
+from ...crowd_lod.progress import constant_progress, run_in_thread, sub_progress
 from ...crowd_lod.shot.recording import Recorder, Recording, begin_recording
 from ...crowd_lod.shot.shot_cost import meshes_of
 from ...crowd_lod.shot.survey import Survey
@@ -60,13 +60,13 @@ def survey_of(crowd: SceneCrowd, frames: Sequence[int]) -> Generator[float, None
     with frame_stepping.step_frames(scene) as at, Recorder(recording) as recorder:
         for f, time in enumerate(times):
             begin, middle, end = (THROUGH * (f + part) / len(frames) for part in (0.0, 0.5, 1.0))
-            yield from share(approach(crowd.trajectory, time), begin, middle)
+            yield from sub_progress(approach(crowd.trajectory, time), begin, middle)
             moment = lights.read_moment(scene, time, at)
             now = read_crowd(scene)
             if now.trajectory is not crowd.trajectory or now.policy != policy:
                 raise _changes_at(frames[f])
-            planned = aside(partial(frame_by_policy, now, moment))
-            frame = yield from standing(planned, middle)
+            planned = run_in_thread(partial(frame_by_policy, now, moment))
+            frame = yield from constant_progress(planned, middle)
             film = cameras.bound_camera(scene, time)
             cut = f > 0 and film != cameras.bound_camera(scene, times[f - 1])
             samples = scene_data.samples_of(scene) * covered(frame)
@@ -82,8 +82,8 @@ def survey_of(crowd: SceneCrowd, frames: Sequence[int]) -> Generator[float, None
             "apart."
         )
     milliseconds = {name: total / len(frames) for name, total in took.items()}
-    making = aside(recording.make_survey, lambda: 1 - len(recording.records) / len(frames))
-    survey = yield from share(making, THROUGH, 1.0)
+    making = run_in_thread(recording.make_survey, lambda: 1 - len(recording.records) / len(frames))
+    survey = yield from sub_progress(making, THROUGH, 1.0)
     return SurveyedShot(survey, np.array(views), milliseconds, moment.around.left_out)
 
 

@@ -16,7 +16,7 @@ from ...crowd_lod.crowd.state_machine import StateMachine
 from ...crowd_lod.crowd.terrain import Ground, Terrain
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
-from ...crowd_lod.progress import aside
+from ...crowd_lod.progress import run_in_thread
 from ...crowd_lod.sources.dressed import Dressed
 from ...crowd_lod.sources.recorded import Recorded
 from ...crowd_lod.sources.several import Several
@@ -113,7 +113,7 @@ def read_sources(
     for crowd in crowds:
         terrain = terrain_source.terrain_of(crowd, area_of(crowd).z)
         if terrain is not None:
-            yield from aside(terrain.prepare, lambda: 0.0)
+            yield from run_in_thread(terrain.prepare, lambda: 0.0)
 
 
 def notes(crowds: Sequence, trajectory: Trajectory) -> Iterator[str]:

@@ -13,7 +13,7 @@ import numpy as np
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
-from ...crowd_lod.progress import Made, share
+from ...crowd_lod.progress import Made, sub_progress
 from ...crowd_lod.reporting import files
 from ...crowd_lod.sources.points import Snapshot
 from ...crowd_lod.tracks import npz
@@ -111,10 +111,10 @@ def with_record(
             else:
                 paths = [record.folder / f"{k}.npz" for k in range(len(crowds))]
                 record.frames = [*record.frames, *frames]
-                yield from share(record_crowds(scene, paths, record.frames), 0.0, 0.3)
+                yield from sub_progress(record_crowds(scene, paths, record.frames), 0.0, 0.3)
                 record.of = about
                 record.settings = tuple(map(_followed, crowds))
-            return (yield from share(work(), 0.3, 1.0))
+            return (yield from sub_progress(work(), 0.3, 1.0))
         finally:
             if is_there(scene):
                 _follow(crowds, sources)

@@ -22,7 +22,7 @@ from ...crowd_lod.frame.instances import (
     rotations_of,
 )
 from ...crowd_lod.frame.planned import note_of, unplanned_notes
-from ...crowd_lod.progress import share, standing
+from ...crowd_lod.progress import constant_progress, sub_progress
 from ...crowd_lod.reporting import files
 from ..blender import frame_stepping, scene_data
 from ..characters.cast_provenance import reading
@@ -104,10 +104,10 @@ def export_usd(scene: bpy.types.Scene, request: UsdExport) -> Generator[float, N
             f"another place."
         )
     with files.staged(path.parent, path.name) as hidden:
-        crowd = yield from share(ready(scene), 0.0, READY)
+        crowd = yield from sub_progress(ready(scene), 0.0, READY)
         trajectory = crowd.trajectory
         library = library_of_poses(crowd, POSES, request.animated)
-        plans, films, unplanned = yield from share(
+        plans, films, unplanned = yield from sub_progress(
             _plan_frames(crowd, request, library), READY, PLANNED
         )
         cast = instances_of([*plans.values()])
@@ -121,8 +121,8 @@ def export_usd(scene: bpy.types.Scene, request: UsdExport) -> Generator[float, N
             posing = write_prototypes(
                 crowd, library, cast.prototypes, (request.frames, seconds), file.mesh
             )
-            yield from share(posing, PLANNED, POSED)
-            yield from share(_instances(crowd, (library, cast), plans, file), POSED, 0.95)
+            yield from sub_progress(posing, PLANNED, POSED)
+            yield from sub_progress(_instances(crowd, (library, cast), plans, file), POSED, 0.95)
             if films:
                 write_camera(usd, file.stage, file.CAMERA, scene, films)
             file.save((request.frames[0], request.frames[-1]))
@@ -162,11 +162,11 @@ def _plan_frames(
     with frame_stepping.step_frames(scene) as at:
         for count, number in enumerate(frames):
             time = scene_data.remap(scene.render, number)
-            yield from share(
+            yield from sub_progress(
                 approach(crowd.trajectory, time), count / len(frames), (count + 0.9) / len(frames)
             )
             moment = lights.read_moment(scene, time, at)
-            yield from standing(reading(scene), (count + 0.9) / len(frames))
+            yield from constant_progress(reading(scene), (count + 0.9) / len(frames))
             frame = frame_of(crowd.at_present_frame(), moment)
             unplanned.append(note_of(number, frame.unplanned, request.strict))
             plans[number] = instances_of_frame(frame, library)
@@ -194,7 +194,9 @@ def _instances(
     speed = scene_data.frame_rate(scene)
     for count, (number, plan) in enumerate(plans.items()):
         time = scene_data.remap(scene.render, number)
-        yield from share(approach(trajectory, time), count / len(plans), (count + 0.9) / len(plans))
+        yield from sub_progress(
+            approach(trajectory, time), count / len(plans), (count + 0.9) / len(plans)
+        )
         crowd_held = held_by(crowd, number, trajectory.at(time))
         columns = columns_of(trajectory, crowd_held.crowd, crowd_held, agents, library)
         level = np.zeros(len(agents), np.float32)

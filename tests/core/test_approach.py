@@ -10,7 +10,7 @@ from crowd_lod_extension.crowd_lod.crowd.agents import Group, populate
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset, parse
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.progress import aside, finished
+from crowd_lod_extension.crowd_lod.progress import finished, run_in_thread
 
 AREA = Area(-50, -50, 50, 50)
 FAR = 10**6  # frames, minutes away
@@ -87,4 +87,4 @@ def test_what_is_wrong_with_the_work_is_told_where_it_is_waited_for():
         raise CrowdError("No way.")
 
     with pytest.raises(CrowdError, match="No way"):
-        finished(aside(work))
+        finished(run_in_thread(work))

@@ -9,7 +9,7 @@ import zipfile
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.progress import aside
+from crowd_lod_extension.crowd_lod.progress import run_in_thread
 from crowd_lod_extension.crowd_lod.tracks import reading, text
 from crowd_lod_extension.crowd_lod.tracks.reading import read_rows, read_tracks
 
@@ -244,7 +244,7 @@ ENDLESS = (
 def test_a_view_without_an_end_is_refused_and_reading_ends_when_nobody_waits(tmp_path):
     path = tmp_path / "crowd.sqlite"
     database(path)
-    reading_aside = aside(lambda: [read_rows(path) for _ in range(10_000)])
+    reading_aside = run_in_thread(lambda: [read_rows(path) for _ in range(10_000)])
     next(reading_aside)
     reading_aside.close()
     with sqlite3.connect(path) as made:

@@ -1,14 +1,16 @@
-"""What Make LOD Meshes has done and has yet to do, weighed by the time that it takes."""
+"""What the work of Make LOD Meshes costs."""
 
-from collections.abc import Generator
+from collections.abc import Iterable
 from dataclasses import dataclass
 
-from ...crowd_lod.progress import Made, share
+import bpy
 
-BEGUN = 0.02  # progress at which the source meshes are read
+from ..characters.characters import Character
+
 # Seconds on a slow machine: of reading a character, for each thousand of its triangles; of work on
 # one of its LODs, for the square root of these thousands.
-READ = 0.11
+LOAD = 0.01  # its meshes as they are
+READ = 0.11  # its meshes in all poses
 SEARCH = 2.3  # finding the LOD of a length
 MAKE = 0.4  # making the LOD of a ratio, and measuring it
 LOOK = 0.07  # looking at the LOD of a ratio between the poses
@@ -26,6 +28,11 @@ class Costs:
     triangles: int = 0
     searched: bool = False
     count: int = 0
+
+    @property
+    def load(self) -> float:
+        """That of reading the character as it is."""
+        return LOAD * self.triangles / 1000
 
     @property
     def read(self) -> float:
@@ -57,27 +64,21 @@ class Costs:
         return (self.triangles / 1000) ** 0.5
 
 
-@dataclass
-class Workload:
-    """Work in parts, whose number becomes known on the way.
+def costs_before(character: Character, settings) -> Costs:
+    """Return what the work on a character will cost, as its meshes tell without being evaluated."""
+    triangles = sum(map(_triangles_before, character.objects))
+    return Costs(triangles, settings.choice == "BY_TOLERANCE", settings.level_count)
 
-    done, left: what the parts cost. When `left` grows the progress goes back, so that the time left
-    stays true.
-    """
 
-    done: float = 0.0
-    left: float = 0.0
+def seconds_before(characters: Iterable[Character], settings) -> float:
+    """Return about how many seconds making the characters' LODs will take."""
+    costs = [costs_before(character, settings) for character in characters]
+    return sum(each.load + each.read + each.expected for each in costs)
 
-    def take(
-        self, steps: Generator[float, None, Made], cost: float
-    ) -> Generator[float, None, Made]:
-        """Take the steps of a part of that cost: yield the progress of all, return the result."""
-        result = yield from share(steps, self._progress(0.0), self._progress(cost))
-        self.done += cost
-        self.left = max(self.left - cost, 0.0)
-        return result
 
-    def _progress(self, more: float) -> float:
-        """Return the progress when `more` than what is done now will be done."""
-        done = self.done + more
-        return BEGUN + (1 - BEGUN) * done / max(self.done + self.left, done, 1e-9)
+def _triangles_before(item: bpy.types.Object) -> int:
+    """Return about how many triangles the object will have; 0 of one without a mesh of its own."""
+    if item.type != "MESH":
+        return 0
+    levels = sum(each.levels for each in item.modifiers if each.type in ("SUBSURF", "MULTIRES"))
+    return (len(item.data.loops) - 2 * len(item.data.polygons)) * 4**levels
