@@ -13,6 +13,7 @@ from itertools import count
 from typing import Any, TypeVar
 
 THREADS = min(os.cpu_count() or 1, 4)
+QUARTER = 0.25  # the progress from which on the time left is told, see `after_quarter`
 LOOK = 0.02  # seconds between two looks at work that another thread does
 _own = threading.local()
 Made = TypeVar("Made")  # what the work returns
@@ -72,6 +73,15 @@ class Work:
         done = self.done + more
         whole = max(self.done + self.left, done)
         return done / whole if whole else 0.0
+
+
+def after_quarter(cost: float) -> float:
+    """Return the cost of parts that follow on others of `cost`, which are the first quarter then.
+
+    It is for parts that take another time than these on each machine, such as renders after LODs:
+    the time left is told of the parts that follow.
+    """
+    return cost * (1 - QUARTER) / QUARTER or 1.0
 
 
 def sub_progress(
