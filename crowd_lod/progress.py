@@ -84,28 +84,6 @@ def after_quarter(cost: float) -> float:
     return cost * (1 - QUARTER) / QUARTER or 1.0
 
 
-def sub_progress(
-    steps: Generator[float, None, Made], begin: float, end: float
-) -> Generator[float, None, Made]:
-    """Yield the generator's progress as the part from `begin` to `end` of the whole.
-
-    Returns the generator's result. If this one is closed early, it closes the generator at once:
-    before the caller cleans up, not when Python frees it.
-    """
-    return (yield from _told(steps, lambda progress: begin + (end - begin) * progress))
-
-
-def constant_progress(
-    steps: Generator[Any, None, Made], progress: float
-) -> Generator[float, None, Made]:
-    """Yield `progress` at each of the generator's steps.
-
-    The values that the generator yields are ignored. Returns its result. Closes it early as
-    `sub_progress` does.
-    """
-    return (yield from _told(steps, lambda _: progress))
-
-
 def open_ended_progress(
     steps: Generator[Any, None, Made], usual: int
 ) -> Generator[float, None, Made]:
