@@ -7,7 +7,7 @@ import bpy
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.crowd.wardrobe import count_people
 from ...crowd_lod.format import counted
-from ...crowd_lod.progress import constant_progress, run_in_thread
+from ...crowd_lod.progress import Work, run_in_thread
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import kept_meshes, scene_data
 from ..blender.operator import Stepwise
@@ -29,6 +29,9 @@ from .plausible import notes_on_extent, notes_on_feet, notes_on_plausibility
 from .scene_crowd import place_levels
 from .stuck_agents import find
 
+# What the work costs: reading files that place agents, measuring the characters.
+READ, MEASURED = 1, 3
+
 
 def populate_scene(
     scene: bpy.types.Scene,
@@ -42,19 +45,19 @@ def populate_scene(
     depsgraph = crowd_sources.depsgraph_of(scene)
     depsgraph.update()
     crowds = crowd_sources.crowds_of(settings)
-    yield from constant_progress(reading_motions(scene), 0.0)
+    work = Work(READ + MEASURED)
+    yield from work.take(reading_motions(scene))
     made_of = crowd_parts(scene)
     set_lengths(scene)
     for crowd in crowds:
         map_areas.make(crowd, depsgraph)
     check_maps(settings)
     with kept_meshes.restore_on_failure(crowds):
-        yield from crowd_sources.read_sources(crowds, settings.forward, depsgraph)
-        groups = yield from measuring_groups(scene)
+        yield from work.take(crowd_sources.read_sources(crowds, settings.forward, depsgraph), READ)
+        groups = yield from work.take(measuring_groups(scene), MEASURED)
         trajectory = crowd_sources.populate_crowds(scene, groups, depsgraph)
-        troubles = yield from run_in_thread(
-            lambda: find(trajectory, scene_data.meters(scene)), lambda: 1.0
-        )
+        finding = run_in_thread(lambda: find(trajectory, scene_data.meters(scene)))
+        troubles = yield from work.take(finding)
         warnings = [troubles.sentence] if troubles.troubles else []
         warnings += _warnings(scene, groups, crowds, trajectory, depsgraph)
     store_groups(settings, groups)
