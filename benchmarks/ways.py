@@ -44,6 +44,7 @@ from crowd_lod_extension.operators.render_setup.hidden_characters import hide_ch
 from crowd_lod_extension.operators.render_setup.shelves import LIBRARY, RIGS
 from crowd_lod_extension.operators.scene.frame_plan import frame_of, moment_now
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
+from crowd_lod_extension.operators.settings.cost_table import FULL, Case
 from jobs import answer, peak_mb
 
 NOBODY = "nobody"
@@ -167,9 +168,12 @@ def _counted(scene: bpy.types.Scene, way: str, agents: int) -> dict:
     works = finished(cost_estimate.estimate(scene, FRAMES[:1], known=True)).works
     if way != EVERYONE:
         finished(bake.bake(scene, FRAMES[:1]))
-        return {name: float(np.sum(value)) for name, value in vars(works["By Distance"]).items()}
+        return {
+            name: float(np.sum(value))
+            for name, value in vars(works[Case("BY_RATIO", True)]).items()
+        }
     top = scene.crowd_lod.build
-    full = works[cost_estimate.FULL]
+    full = works[Case(FULL, True)]
     dress_scene(scene, EVERYONE)
     return counted(top) | {
         "rays": float(full.rays[0]),

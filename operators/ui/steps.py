@@ -5,7 +5,7 @@ import bpy
 from ...crowd_lod.simplification.decimate import missing_library
 from ..blender.guard import troubles_of
 from ..blender.sidebar_answers import keep_at_work
-from ..freshness.artifacts import artifacts_of, news_of, reasons, verdict_of
+from ..freshness.artifacts import artifacts_of, current_proof, news_of, reasons
 from ..overlay import viewport_overlay
 from ..render_setup.appended_builds import standing_still
 from ..scene.shot_reference import notes_on_file
@@ -43,8 +43,8 @@ def messages(scene: bpy.types.Scene) -> list[tuple[str, str]]:
     for artifact in artifacts_of(scene):
         if news := news_of(scene, artifact):
             lines.append((news, "FILE_REFRESH"))
-    if verdict := verdict_of(scene):
-        lines.append((verdict, "CHECKMARK" if verdict.startswith("OK") else "ERROR"))
+    if proof := current_proof(scene):
+        lines.append((proof.sentence, "CHECKMARK" if proof.ok else "ERROR"))
     # warnings of Populate do not stop the work: the next step is named before them
     if settings.characters is not None:
         lines += [(warning, "ERROR") for warning in settings.trouble.splitlines()]
