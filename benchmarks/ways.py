@@ -190,10 +190,7 @@ def counted(top: bpy.types.Collection) -> dict[str, int]:
     shelf = next(child for child in top.children_recursive if child.get(LIBRARY, -1) == 0)
     homes = sorted(shelf.children, key=lambda home: home.name)
     triangles = np.array(
-        [
-            sum(len(item.data.loops) - 2 * len(item.data.polygons) for item in home.objects)
-            for home in homes
-        ]
+        [sum(mesh_data.count_triangles(item.data) for item in home.objects) for home in homes]
     )
     split = np.array([home.objects[0].data.has_custom_normals for home in homes])
     numbers = np.zeros(len(points.data.vertices), np.int32)

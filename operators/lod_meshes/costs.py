@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import bpy
 
 from ...crowd_lod.levels.assignment import deviations
+from ..blender.mesh_data import count_triangles
 from ..characters.characters import Character, all_characters
 from ..characters.stored_groups import groups_of
 from ..scene.scene_crowd import policy_of
@@ -94,4 +95,4 @@ def _triangles_before(item: bpy.types.Object) -> int:
     if item.type != "MESH":
         return 0
     levels = sum(each.levels for each in item.modifiers if each.type in ("SUBSURF", "MULTIRES"))
-    return (len(item.data.loops) - 2 * len(item.data.polygons)) * 4**levels
+    return count_triangles(item.data) * 4**levels

@@ -9,6 +9,7 @@ import bpy
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.operators.blender.mesh_data import count_triangles
 from crowd_lod_extension.operators.characters import group_measuring, stored_groups
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.render_setup import bake, buckets, render_setup
@@ -21,10 +22,6 @@ from crowd_lod_extension.operators.settings.cost_table import FULL, Case, costs_
 from ..support.scene_frames import frame_now
 
 pytestmark = pytest.mark.once  # long, and the same on every Blender
-
-
-def triangles(item):
-    return len(item.data.loops) - 2 * len(item.data.polygons)
 
 
 def counts_in_render(scene):
@@ -40,7 +37,10 @@ def counts_in_render(scene):
             and buckets.LEVEL in each.parent.original
         ):
             found.append(each.object.original)
-    return len(found), sum(map(triangles, found)), sum(map(triangles, set(found)))
+    instanced, unique = (
+        sum(count_triangles(item.data) for item in items) for items in (found, set(found))
+    )
+    return len(found), instanced, unique
 
 
 @pytest.mark.parametrize("known", [False, True])
@@ -64,8 +64,8 @@ def test_work_is_what_the_depsgraph_shows(levelled, known, planned):
         scene.frame_set(number)
         agents, instanced, unique = counts_in_render(scene)
         assert (agents, instanced, unique) == (work.instances[f], work.instanced[f], work.unique[f])
-    meshes = [item for item in top.all_objects if item.type == "MESH" and buckets.LEVEL not in item]
-    assert work.posed == sum(map(triangles, meshes))
+    shown = [item for item in top.all_objects if item.type == "MESH" and buckets.LEVEL not in item]
+    assert work.posed == sum(count_triangles(item.data) for item in shown)
     assert work.rigs == sum(item.type == "ARMATURE" for item in top.all_objects)
     whole = found.works[Case(FULL, known)]
     assert (whole.instances == work.instances).all() and (whole.instanced > work.instanced).all()
