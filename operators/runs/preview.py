@@ -221,13 +221,15 @@ def _with_levels(stage: bpy.types.Scene) -> Iterator[float]:
     layer = stage.view_layers[0]
     settings = stage.crowd_lod
     layer.update()
-    store_groups(settings, (yield from measuring_groups(stage)))
+    work = Work(1)
+    store_groups(settings, (yield from work.take(measuring_groups(stage))))
     crowd = read_crowd(stage)
-    yield from approach(crowd.trajectory, scene_data.time_of(stage))
+    yield from work.take(approach(crowd.trajectory, scene_data.time_of(stage)))
     frame_of(crowd, moment_now(stage, layer.depsgraph))
     if settings.levels is not None and deviations(groups_of(settings), crowd.policy) is not None:
         return
-    yield from make_levels(stage) if settings.levels is None else measure_levels(stage)
+    making = make_levels(stage) if settings.levels is None else measure_levels(stage)
+    yield from work.take(making, 1)
 
 
 def _span(task: Preview) -> range:

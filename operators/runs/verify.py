@@ -153,12 +153,13 @@ def _prepare_crowd(scene: bpy.types.Scene) -> Generator[float, None, SceneCrowd]
     is said before the work begins.
     """
     settings = scene.crowd_lod
-    store_groups(settings, (yield from measuring_groups(scene)))
+    work = Work(1)
+    store_groups(settings, (yield from work.take(measuring_groups(scene))))
     crowd = read_crowd(scene)
-    yield from approach(crowd.trajectory, scene_data.time_of(scene))
+    yield from work.take(approach(crowd.trajectory, scene_data.time_of(scene)))
     frame_of(crowd, moment_now(scene, scene.view_layers[0].depsgraph))
     if settings.levels is None:
-        yield from make_levels(scene)
+        yield from work.take(make_levels(scene), 1)
         crowd = read_crowd(scene)  # its groups have LODs now
     return crowd
 
