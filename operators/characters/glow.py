@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import bpy
 
-from ..blender.emission import emits
+from ..blender.materials import emits
 from .characters import characters_of
 
 # rays that meet light

@@ -6,7 +6,7 @@ from pathlib import Path
 import bpy
 
 from ...crowd_lod.format import counted, printable
-from ..blender.image_nodes import image_nodes
+from ..blender.materials import images_in
 from .rig_needs import Characters
 
 
@@ -15,8 +15,7 @@ def notes_on_images(characters: Characters) -> Iterator[str]:
     wearers: dict[bpy.types.Image, list[str]] = {}
     for name, objects, _ in characters:
         materials = {slot.material for item in objects for slot in item.material_slots}
-        nodes = [node for each in materials - {None} for node, _ in image_nodes(each.node_tree)]
-        for image in {node.image for node in nodes}:
+        for image in set().union(*map(images_in, materials - {None})):
             if _is_missing(image):
                 wearers.setdefault(image, []).append(name)
     if not wearers:
