@@ -25,7 +25,9 @@ class TimeLeft:
 
         progress: 0 to 1, reached in `seconds`.
         """
-        if progress < QUARTER:
+        if progress < QUARTER:  # again, if more is to do than was known
+            self._begin = None
+            self._wholes.clear()
             return ""
         if self._begin is None:
             self._begin = seconds, progress

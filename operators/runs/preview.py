@@ -60,7 +60,7 @@ from .preview_stage import Preview, Rendered, Staged, leaves_out, shade, sized, 
 from .shared_frames import ALONE, Sharing, make_frames, state_of
 
 MOST_IN_SHEET = 24  # frames on the contact sheet
-LOD = 5.0  # seconds, about, that a LOD's picture and its row in the table take
+LOD = 2.0  # seconds, about, that a LOD's picture and its row in the table take
 BEHAVIOR = 0.9  # of a frame's time, where the way to it is long
 # agents times frames that a preview plans first; longer shots take Plan Shot
 MOST_PLANNED = 30_000_000
@@ -88,7 +88,7 @@ def preview(
         started = clock.perf_counter()
         _check(scene, task)
         lacking = lacking_seconds(scene)
-        describing = LOD * scene.crowd_lod.level_count * len(scene.crowd_lod.groups)
+        describing = LOD * scene.crowd_lod.level_count * len(characters_of(scene))
         work = Work(lacking + describing + after_quarter(lacking + describing))
         if sharing.jobs > 1:  # all processes take the LODs from the file
             yield from work.take(_with_levels(scene), lacking)

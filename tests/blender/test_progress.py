@@ -108,7 +108,9 @@ def test_a_time_left_that_the_progress_contradicts_is_not_said():
     left.words(0.25, 0)
     assert left.words(0.5, 20) == ", about 40 s left"
     assert left.words(0.55, 35) == ""  # a whole of 60 or of 88 s
-    assert left.words(0.3, 36) == ""  # more is to do than was known
+    assert left.words(0.2, 36) == ""  # more is to do than was known
+    assert left.words(0.25, 40) == ""
+    assert left.words(0.5, 60) == ", about 40 s left"
 
 
 @pytest.mark.once
