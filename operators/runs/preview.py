@@ -42,6 +42,7 @@ from ..overlay.draw_data import FRUSTUM
 from ..overlay.playblast import Playblast, need_gpu
 from ..scene import lights
 from ..scene.frame_plan import frame_of, moment_now
+from ..scene.plan_verdict import verdict_in_words
 from ..scene.scene_crowd import SceneCrowd, characters_of, read_crowd
 from ..settings import needs
 from ..shot.shot_plan import (
@@ -187,7 +188,7 @@ def _describe(
         frame_stepping.describe_unbaked(run.on.scene),
     )
     plan = yield from plan_json(run.crowd, run.on, command, rows, lods, tuple(filter(None, notes)))
-    plan["preview"]["verdict"] = settings.shot_verdict if follows_plan else ""
+    plan["preview"]["verdict"] = verdict_in_words(settings) if follows_plan else ""
     return plan
 
 
