@@ -9,8 +9,8 @@ PRECISE = 1.002  # factor within which the least tolerance is found
 
 def least_tolerance(
     fits: Callable[[float], bool], low: float, high: float
-) -> Generator[float, None, float]:
-    """Find by bisection the least tolerance from `low` on that fits: yield the progress, return it.
+) -> Generator[None, None, float]:
+    """Find by bisection the least tolerance from `low` on that fits: yield at each, return it.
 
     fits: whether a tolerance fits, in pixels; what a larger one takes is no more.
     low: pixels, above 0.
@@ -18,9 +18,8 @@ def least_tolerance(
     """
     if fits(low):
         return low
-    width = np.log(high / low)
     while high > PRECISE * low:
-        yield 1 - np.log(high / low) / width
+        yield
         middle = float(np.sqrt(low * high))
         if fits(middle):
             high = middle

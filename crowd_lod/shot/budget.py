@@ -15,13 +15,16 @@ from ..errors import CrowdError
 from ..levels.budget_fit import Budget
 from ..levels.cost_model import price
 from ..levels.least_tolerance import least_tolerance
-from ..progress import sub_progress
+from ..progress import Work, open_ended_progress
 from .shot import ShotPlan, decide, decided, objective, shared_table, solutions
 from .shot_cost import Bill, Shot, work_in
 from .survey import at_tolerance
 
 SPARE = 1.04  # factor of the least tolerance: without room a plan would follow every trembling
 STEPS = 9  # of the search for the weight of switches
+BISECTIONS = 6  # after which the search for the tolerance is about half done
+# About what the parts cost: a plan without limits, the least tolerance, a plan within the limits
+PLANNED, TOLERATED, FITTED = 3.0, 1.0, 4.0
 LEAST = 4.0**-6  # the least weight of the search, as a part of the plan's
 
 
@@ -100,15 +103,18 @@ def decide_within(
     """
     limits = _limits(shot, budget)
     _check(shot, limits)
-    plan = yield from sub_progress(decide(shot, avoid), 0.0, 1.0 if budget == Budget() else 0.3)
+    further = 0.0 if budget == Budget() else TOLERATED + PLANNED + FITTED
+    work = Work(PLANNED + further)
+    plan = yield from work.take(decide(shot, avoid), PLANNED)
     if limits.hold(shot, plan.bill.agents_shown):
         return BudgetPlan(**vars(plan), tolerance=0.0)
     thresholds = plan.thresholds
-    tolerance = SPARE * (yield from sub_progress(_least_tolerance(shot, limits), 0.3, 0.4))
+    tolerance = SPARE * (yield from work.take(_least_tolerance(shot, limits), TOLERATED))
     wide = relaxed(shot, tolerance)
     if tolerance:
-        plan = yield from sub_progress(decide(wide, avoid), 0.4, 0.6)
-    found = yield from sub_progress(_within(wide, limits, plan), 0.6, 1.0)
+        plan = yield from work.take(decide(wide, avoid), PLANNED)
+    work.announce(FITTED)
+    found = yield from work.take(_within(wide, limits, plan), FITTED)
     least = objective(plan.bill, plan.weight) / (1 + plan.bound)
     bound = objective(found, plan.weight) / least - 1 if least > 0 else 0.0
     return BudgetPlan(found.levels, found, thresholds, plan.weight, bound, tolerance)
@@ -163,7 +169,7 @@ def _least_tolerance(shot: Shot, limits: _Limits) -> Generator[float, None, floa
     bounds = shot.meshes.bounds
     low = float(scale.min() * bounds[bounds > 0].min(initial=inf))
     high = float(scale.max() * bounds.max())
-    return (yield from least_tolerance(fits, low, high))
+    return (yield from open_ended_progress(least_tolerance(fits, low, high), BISECTIONS))
 
 
 def _within(shot: Shot, limits: _Limits, plan: ShotPlan) -> Generator[float, None, Bill]:
@@ -181,9 +187,9 @@ def _within(shot: Shot, limits: _Limits, plan: ShotPlan) -> Generator[float, Non
     low = LEAST * plan.weight
     high = plan.weight
     weight = high
-    for step in range(STEPS):
-        solving = _solutions(shot, plan.thresholds, weight, coarsest)
-        bills = yield from sub_progress(solving, step / STEPS, (step + 1) / STEPS)
+    work = Work(STEPS)
+    for _ in range(STEPS):
+        bills = yield from work.take(_solutions(shot, plan.thresholds, weight, coarsest), 1)
         within += [found for found in bills if limits.hold(shot, found.agents_shown)]
         if limits.hold(shot, _cheapest(bills, weight).agents_shown):
             low = weight
@@ -203,12 +209,15 @@ def _solutions(
     In that one the meshes that the coarsest LODs show cost next to nothing: a limit of memory may
     leave out all others. Yields the progress.
     """
-    bills, _ = yield from sub_progress(solutions(shot, thresholds, weight), 0.0, 0.7)
-    if thresholds.meshes_matter:
-        table = shared_table(shot, thresholds, coarsest)
-        levels, _ = yield from sub_progress(decided(shot, table, weight), 0.7, 1.0)
-        bills.append(Bill(shot, levels))
-    return bills
+    solving = solutions(shot, thresholds, weight)
+    if not thresholds.meshes_matter:
+        bills, _ = yield from solving
+        return bills
+    work = Work(2 + 1)  # rounds
+    bills, _ = yield from work.take(solving, 2)
+    table = shared_table(shot, thresholds, coarsest)
+    levels, _ = yield from work.take(decided(shot, table, weight), 1)
+    return [*bills, Bill(shot, levels)]
 
 
 def _cheapest(bills: list[Bill], weight: float) -> Bill:

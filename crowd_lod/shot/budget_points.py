@@ -6,6 +6,7 @@ from math import inf
 
 from ..format import number
 from ..levels.budget_fit import LIMITED, Budget
+from ..progress import Work
 from .budget import relaxed
 from .shot_cost import Bill, Shot
 
@@ -38,8 +39,8 @@ def find_points(
     """
     points: dict[tuple, BudgetPoint] = {}
     pixels = [*(factor * (tolerance or 1.0) for factor in FACTORS), inf]
-    for step, most in enumerate(pixels):
-        yield step / len(pixels)
+    work = Work(len(pixels))
+    for most in pixels:
         wide = relaxed(shot, most)
         least = Bill(wide, wide.coarsest)
         point = BudgetPoint(
@@ -49,6 +50,7 @@ def find_points(
             float(least.counts[:, 0].max(initial=0)),
         )
         points.setdefault(astuple(point), point)
+        yield work.did(1)
     return tuple(points.values())
 
 

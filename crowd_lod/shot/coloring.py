@@ -12,7 +12,7 @@ import numpy as np
 
 from ..animation.phase_classes import Gaits
 from ..crowd.agents import CLASSES, FEWEST_CLASSES
-from ..progress import open_ended_progress, sub_progress
+from ..progress import Work, open_ended_progress
 from .meetings import Changes, Meetings, changes_of, meetings_of
 from .phases import NEAREST, Phases, palette
 from .survey import SEEN, Survey
@@ -21,6 +21,8 @@ VARIETY = 0.05  # of close neighbors, at most, in step: about what CLASSES rando
 WHOLE = 3  # times a palette of FEWEST_CLASSES is doubled: it then has all CLASSES
 MOST_ROUNDS = 40  # of recoloring; some ten suffice where agents meet few others
 ROUNDS = 60  # of all recolorings of a shot: half of the progress
+# About what the searches cost: for the fewest classes, for fewer ones of agents that are near
+FEWEST, NEARED = 3.0, 1.0
 LITTLE = 2e-4  # of the weight of all meetings: a round that gains no more is the last
 # Times the tolerance, in pixels, by which a change of class may move a foot. Of near agents it may
 # move it by half of one of the CLASSES classes, as a change of pace does anyway.
@@ -91,9 +93,10 @@ def plan_phases(
         return _crowded(meetings, phases, family)
 
     fewest = _in_few_classes(meetings, changes, limit, fixed, family, crowded)
-    phases = yield from sub_progress(open_ended_progress(fewest, ROUNDS), 0.0, 0.75)
+    work = Work(FEWEST + NEARED)
+    phases = yield from work.take(open_ended_progress(fewest, ROUNDS), FEWEST)
     nearing = _near_in_fewer(survey, meetings, phases, fixed, crowded)
-    phases = yield from sub_progress(open_ended_progress(nearing, MOST_ROUNDS), 0.75, 1.0)
+    phases = yield from work.take(open_ended_progress(nearing, MOST_ROUNDS), NEARED)
     if wearer is not None:
         phases = replace(phases, shift=phases.shift[wearer], finer=phases.finer[wearer])
     return PhasePlan(

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..levels.cost_model import price
-from ..progress import sub_progress
+from ..progress import Work
 from .shot import ShotPlan, sampled, solved
 from .shot_cost import Bill, Shot, work_in
 from .survey import Survey, at_tolerance
@@ -14,6 +14,7 @@ from .survey import Survey, at_tolerance
 MOST_LOOKED_AT = 500_000  # agents times frames from which the curve is found
 TOLERANCES = (0.25, 0.5, 0.7, 1, 1.4, 2, 4, 8, 16)  # times the shot's own
 WEIGHTS = (1 / 16, 1 / 4, 2, 4, 8, 16, 64)  # times the plan's own weight of switches
+SWEPT = 3.0  # what the points without a plan cost, in plans
 WIDTH = 0.2  # of hysteresis, as a part of the distance
 
 
@@ -82,16 +83,13 @@ def curve_of(shot: Shot, plan: ShotPlan, tolerance: float | None) -> Generator[f
     for pixels in (factor * (tolerance or 1.0) for factor in TOLERANCES):
         within = Bill(sample, at_tolerance(survey, bounds, pixels).coarsest)
         points.append(point("tolerance", within, pixels))
-    begun = 0.3
-    yield begun
-    for step, factor in enumerate(WEIGHTS, 1):
-        end = begun + (1 - begun) * step / len(WEIGHTS)
-        searching = solved(sample, thresholds, factor * plan.weight)
-        other, _ = yield from sub_progress(searching, begun, end)
+    work = Work(SWEPT + len(WEIGHTS))
+    yield work.did(SWEPT)
+    for factor in WEIGHTS:
+        other, _ = yield from work.take(solved(sample, thresholds, factor * plan.weight), 1)
         made = point("avoid", other)
         if made not in points and replace(made, kind="plan") not in points:
             points.append(made)
-        begun = end
     return Curve(len(survey.group), points)
 
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..levels.cost_model import Work, price
-from ..progress import sub_progress
+from ..levels import cost_model
+from ..progress import Work
 from .cells import TOGETHER, Block
 from .shot_cost import NOTICED, UNSEEN, Bill, Shot, work_in
 
@@ -21,6 +21,8 @@ SAMPLE = 2000
 SHARING = 20_000
 STEPS = 6  # of the search for it, each by a factor of FACTOR
 FACTOR = 4.0
+# About what the parts of a plan cost: to search the weight, to solve by it, to bound it from below
+SEARCHED, SOLVED, BOUNDED = 2.0, 2.0, 1.0
 NEARLY = 1e-3  # part of its share that a mesh costs which the frame shows anyway
 
 
@@ -159,10 +161,11 @@ def decided(
     blocks = survey.cells.blocks
     _ = shot.allowed  # found once, before threads ask for it
     programs = survey.by_block(lambda block: program(shot, choices, weight, block))
-    for number, (block, (block_levels, paid)) in enumerate(zip(blocks, programs, strict=True)):
+    work = Work(len(blocks))
+    for block, (block_levels, paid) in zip(blocks, programs, strict=True):
         block.table(levels)[:] = block_levels
         cost += paid
-        yield (number + 1) / len(blocks)
+        yield work.did(1)
     return levels, cost
 
 
@@ -196,17 +199,21 @@ def decide(shot: Shot, avoid: float = 0.05) -> Generator[float, None, ShotPlan]:
     few = SHARING if limit.thresholds.meshes_matter else SAMPLE
     sample, _ = sampled(shot, max(few, len(shot.survey.group) // 100))
     sample_limit = limit if sample is shot else _limit(sample, avoid)
-    weight, solution = yield from sub_progress(_search_weight(sample_limit), 0.0, 0.4)
+    work = Work(SEARCHED + SOLVED + BOUNDED)
+    weight, solution = yield from work.take(_search_weight(sample_limit), SEARCHED)
     for step in range(STEPS):
         if solution is None or step or sample is not shot:
-            solution = yield from sub_progress(solved(shot, limit.thresholds, weight), 0.4, 0.8)
+            # few plans are solved again: the progress stands meanwhile
+            solving = solved(shot, limit.thresholds, weight)
+            solution = yield from work.take(solving, 0.0 if step else SOLVED)
         plan_bill, shared = solution
         if limit.holds(plan_bill) or step == STEPS - 1:
             break
         weight /= 1.5  # the sample promised more than the whole keeps
     if not limit.holds(plan_bill):
         plan_bill = Bill(shot, limit.levels)
-    least = yield from sub_progress(lower_bound(shot, weight, shared), 0.8, 1.0)
+    work.announce(BOUNDED)
+    least = yield from work.take(lower_bound(shot, weight, shared), BOUNDED)
     paid = objective(plan_bill, weight)
     bound = max(paid / least - 1, 0.0) if least > 0 else 0.0
     return ShotPlan(plan_bill.levels, plan_bill, limit.thresholds, weight, bound)
@@ -270,11 +277,10 @@ def _search_weight(limit: Limit) -> Generator[float, None, tuple[float, Solution
     low = unit * FACTOR**-STEPS
     high = unit * FACTOR**STEPS
     best = None
-    for step in range(2 * STEPS):
+    work = Work(2 * STEPS)
+    for _ in range(2 * STEPS):
         middle = float(np.sqrt(low * high))
-        solution = yield from sub_progress(
-            solved(shot, thresholds, middle), step / (2 * STEPS), (step + 1) / (2 * STEPS)
-        )
+        solution = yield from work.take(solved(shot, thresholds, middle), 1)
         if limit.holds(solution[0]):
             low = middle
             best = solution
@@ -308,13 +314,14 @@ def solutions(
     a mesh, as if all that may show it did. In the second the meshes of the first cost next to
     nothing, and all others their whole price. In the third each character shows one LOD in a frame.
     """
+    work = Work(2 if thresholds.meshes_matter else 1)
     table = _table(shot, thresholds.mesh_shares)
-    levels, shared = yield from sub_progress(decided(shot, table, weight), 0.0, 0.5)
+    levels, shared = yield from work.take(decided(shot, table, weight), 1)
     first = Bill(shot, levels)
     if not thresholds.meshes_matter:
         return [first], shared if "traced" not in shot.costs.seconds else None
     table = shared_table(shot, thresholds, first)
-    again, _ = yield from sub_progress(decided(shot, table, weight), 0.5, 1.0)
+    again, _ = yield from work.take(decided(shot, table, weight), 1)
     whole = by_character(shot, thresholds.mesh_seconds, weight)
     return [first, Bill(shot, again), Bill(shot, whole)], None
 
@@ -363,7 +370,7 @@ def _floor(shot: Shot) -> tuple[float, float, np.ndarray]:
     finest = (agents > 0).argmax(axis=1)
     least = np.where(seen_agents > 0, triangles[finest, np.arange(characters)], 0.0)
     unique = shot.costs.seconds["unique"] * triangles / np.maximum(seen_agents, 1)[:, None, :]
-    work = Work(
+    work = cost_model.Work(
         posed=float(least.max(axis=0).sum()),
         unique=least.sum(axis=1),
         instances=seen_agents.sum(axis=1).astype(np.float64),
@@ -372,5 +379,5 @@ def _floor(shot: Shot) -> tuple[float, float, np.ndarray]:
         rays=survey.rays,
     )
     alone = replace(work, posed=0.0, rigs=0.0, rays=0.0)
-    whole, parts = (frames * price(own, shot.costs).seconds for own in (work, alone))
+    whole, parts = (frames * cost_model.price(own, shot.costs).seconds for own in (work, alone))
     return whole - parts, parts, _table(shot, unique)

@@ -12,7 +12,7 @@ from ..crowd.maps import Area
 from ..crowd.paces import Paces
 from ..crowd.velocity_bounds import STANDING, VelocityBounds
 from ..errors import CrowdError
-from ..progress import sub_progress
+from ..progress import Work
 from .reused_columns import ReusedColumns
 from .trajectory import States, Trajectory
 
@@ -150,10 +150,10 @@ class Several(Trajectory):
         self, time: float, then: Callable[[], object] = lambda: None
     ) -> Generator[float, None, None]:
         """Do what `at` needs, crowd by crowd."""
-        part = 1 / len(self.members)
-        for k, member in enumerate(self.members):
-            if self.shown[k]:
-                yield from sub_progress(member.approach(time), k * part, (k + 1) * part)
+        work = Work(sum(self.shown))
+        for member, is_shown in zip(self.members, self.shown, strict=True):
+            if is_shown:
+                yield from work.take(member.approach(time), 1)
         then()
 
     def most_moved(self, times: Sequence[float]) -> float:

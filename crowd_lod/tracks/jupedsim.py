@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import CrowdError
 from ..format import printable
-from ..progress import Cancelled, check_cancelled
+from ..progress import Cancelled, Work, check_cancelled
 from .rows import MOST_ROWS, Rows
 
 MAGIC = b"SQLite format 3\0"
@@ -108,9 +108,11 @@ def _read_rows(
         )
     rows = database.execute(f"SELECT {', '.join(NAMES)} FROM trajectory_data ORDER BY rowid")
     rows.arraysize = ROWS_AT_ONCE
+    work = Work(count)
     for at in range(0, count, ROWS_AT_ONCE):
-        yield np.fromiter(rows, ROW, min(ROWS_AT_ONCE, count - at))
-        tell(at / count)
+        size = min(ROWS_AT_ONCE, count - at)
+        yield np.fromiter(rows, ROW, size)
+        tell(work.did(size))
         check_cancelled()
     if rows.fetchone() is not None:
         raise ValueError(f"it has more rows than the {count:,} of its index")

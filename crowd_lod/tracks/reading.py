@@ -36,6 +36,7 @@ CHUNK = (
     # bytes that are read between two looks at whether anybody still waits; more than
     # layout.LONGEST_LINE
 )
+READ = 0.6  # part of the time of making tracks that their rows take to be read
 HEADS = 1.0, 2.3  # meters, where the heads of people are
 
 
@@ -150,7 +151,7 @@ def read_tracks(  # noqa: PLR0913 - what the reader of a file is told
     tell: called with the progress, 0 to 1.
     CrowdError if it cannot be read or used.
     """
-    rows = read_rows(path, columns, lambda part: tell(0.6 * part)).in_meters(unit)
+    rows = read_rows(path, columns, lambda part: tell(READ * part)).in_meters(unit)
     if up != "Z" and rows.z is None:
         raise CrowdError(
             f"The file {printable(path)} has no z, and y is up: set Up to Z, or give it columns "
@@ -166,7 +167,7 @@ def read_tracks(  # noqa: PLR0913 - what the reader of a file is told
             )
         notes += ("It tells no frame rate: each of its frames is one of the scene's.",)
     rows = replace(rows, rate=rate or rows.rate or usual, notes=notes)
-    tell(0.6)
+    tell(READ)
     return tracks_of(_set_on_feet(rows), printable(path))
 
 

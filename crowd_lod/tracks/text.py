@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import CrowdError
-from ..progress import check_cancelled
+from ..progress import Work, check_cancelled
 from .layout import ENDS, LONGEST_LINE, Table, layout_of, long_line, split_row
 from .rows import GREATEST, RATES, Rows, check_range, check_rate
 
@@ -37,12 +37,11 @@ def read_text(
     table = layout_of(data, where, columns_asked)
     parts: dict[str, list[np.ndarray]] = {name: [] for name in table.columns}
     commas: set[bool] = set()
-    position = table.begins
+    work = Work(len(data) - table.begins)
     for part, line in _parts(data, table.begins, where):
         for name, values in _values(part, table, where, line, commas).items():
             parts[name].append(values)
-        position += len(part)
-        tell(position / len(data))
+        tell(work.did(len(part)))
         check_cancelled()
     columns: dict[str, Any] = {
         name: np.concatenate(values) if values else np.empty(0) for name, values in parts.items()

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import bpy
 import numpy as np
 
+from ...crowd_lod.progress import Work
 from ..blender import removal
 from ..blender.animation import armatures_of
 from ..blender.performance import Performance
@@ -66,7 +67,8 @@ def record(
         bones = {rig.name: Bones() for rig in armatures}
         places = {item: [] for item in actors}
         bone_names = {rig: deforming(rig, list(actors)) for rig in armatures}
-        for number, time in enumerate(times):
+        work = Work(len(times))
+        for time in times:
             performance.go_to(stage, time)
             depsgraph = stage.view_layers[0].depsgraph
             for item, copy in bare.items():
@@ -75,7 +77,7 @@ def record(
             for rig in armatures:
                 _note(bones[rig.name], rig.evaluated_get(depsgraph), bone_names[rig])
             performance.rest()
-            yield (number + 1) / len(times)
+            yield work.did(1)
         return bones, {item: np.array(matrices) for item, matrices in places.items()}
     finally:
         performance.rest()

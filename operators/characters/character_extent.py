@@ -11,6 +11,7 @@ import numpy as np
 from ...crowd_lod.crowd.bounding_spheres import bounding_sphere
 from ...crowd_lod.crowd.sole import ground_of, sole_of
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.progress import Work
 from ..blender import mesh_data
 from ..blender.animation import armatures_of
 from ..blender.named_actions import own_performance
@@ -117,6 +118,7 @@ def posing(
     """
     performance = performance or own_performance(objects)
     poses = []
+    work = Work(len(frames))
     with as_rendered(objects) as (stage, actors), performance:
         for item in armatures_of(objects):
             stage.collection.objects.link(item)
@@ -125,9 +127,10 @@ def posing(
             performance.go_to(stage, frame)
             depsgraph = stage.view_layers[0].depsgraph
             poses.append(measure(actors, depsgraph))
+            progress = work.did(1)
             if clock.monotonic() >= until:
                 performance.rest()
-                yield len(poses) / len(frames)
+                yield progress
                 until = clock.monotonic() + TICK
     return poses
 

@@ -12,7 +12,7 @@ from ...crowd_lod.crowd.agents import Action, Group
 from ...crowd_lod.crowd.maps import FARTHEST
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import number
-from ...crowd_lod.progress import constant_progress, finished, run_in_thread, sub_progress
+from ...crowd_lod.progress import Work, finished, run_in_thread
 from ..blender import scene_data, stored_values
 from ..blender.named_actions import performance_of
 from ..blender.performance import Part, Performance
@@ -57,10 +57,11 @@ def measuring_groups(
         earlier = {group.name: group for group in groups_of(scene.crowd_lod)}
     groups: dict[str, Group] = {}
     cast = all_characters(scene)
-    for index, character in enumerate(cast):
+    work = Work(len(cast))
+    for character in cast:
         base = groups.get(character.variant_of)
         measuring = _measuring_group(scene, character, base, reaches.get(character.name))
-        group = yield from sub_progress(measuring, index / len(cast), (index + 1) / len(cast))
+        group = yield from work.take(measuring, 1)
         measured: dict[str, Any] = {}
         if character.name in earlier:
             measured = {key: getattr(earlier[character.name], key) for key in KEPT}
@@ -89,19 +90,20 @@ def _measuring_group(
     performance = performance_of(name, objects, actions_named(scene, name))
     on_ground = stands(scene.crowd_lod, name)
     acts: list[Act] = []
+    work = Work(1)
     if reach is not None and len(performance.parts) == 1:
         low, center, radius, girth = reach
     else:
-        acts = yield from _acted(objects, performance)
+        acts = yield from work.take(_acted(objects, performance), 1)
         # while two actions mix, feet may dip into the ground: nobody is lifted for that
         plain = [act for part, act in zip(performance.parts, acts, strict=True) if not part.mixed]
         standing_on = run_in_thread(lambda: height_of_ground(plain, origin[2]))
         # what is worn is no feet
-        low = base.lowest if base else (yield from constant_progress(standing_on, 1.0))
+        low = base.lowest if base else (yield from work.take(standing_on))
         stand = (*origin[:2], origin[2] + low * on_ground)
         first_name = objects[0].name
         bounding = run_in_thread(lambda: bounds(first_name, stand, *(act.poses for act in acts)))
-        center, radius, girth = yield from constant_progress(bounding, 1.0)
+        center, radius, girth = yield from work.take(bounding)
     first = performance.parts[0]
     fps = scene_data.frame_rate(scene)
     group = Group(
@@ -131,8 +133,7 @@ def _measuring_group(
     meters = scene_data.meters(scene)
     stride = _custom(scene.crowd_lod.characters, name, "stride") / meters
     group = replace(group, stride=stride or first.root.way, way=first.root.way)
-    walking = run_in_thread(lambda: [walked(act) for act in acts[1:]])
-    feet = yield from constant_progress(walking, 1.0)
+    feet = yield from work.take(run_in_thread(lambda: [walked(act) for act in acts[1:]]))
     return replace(group, actions=_actions(group, performance, feet, fps, meters))
 
 
@@ -162,17 +163,16 @@ def _acted(
     `posing`.
     """
     acts = []
-    count = len(performance.spans)
-    for k, span in enumerate(performance.spans):
-        poses = yield from sub_progress(
-            posing(objects, frames_of(*span), performance), k / count, (k + 0.8) / count
-        )
+    work = Work(5 * len(performance.spans))
+    for span in performance.spans:
+        poses = yield from work.take(posing(objects, frames_of(*span), performance), 4)
         soles: list[tuple[float, float]] = []
         for count_of_points in SOLES:
             looking = posing(objects, frames_of(*span, count_of_points), performance, sole)
-            soles = yield from sub_progress(looking, (k + 0.8) / count, (k + 1) / count)
+            soles = yield from work.take(looking)
             if not hangs(soles):
                 break
+        yield work.did(1)
         acts.append(Act(poses, soles))
     return acts
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...crowd_lod.animation.phase_classes import Gaits, Library
 from ...crowd_lod.levels.cost_model import Holdings
-from ...crowd_lod.progress import constant_progress
+from ...crowd_lod.progress import Work
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender.named_actions import group_performance
 from ..blender.ownership import OWNED
@@ -103,6 +103,7 @@ def holdings_of(
     rigs, bones = armatures(characters, groups, lead)
     live_keys = np.zeros(len(groups))
     baked_keys: list[dict[int, float]] = []
+    work = Work(len(groups))
     for g, (_, objects, _) in enumerate(characters):
         baked_keys.append({})
         if rigged[g] and lead[g] == g:
@@ -111,14 +112,13 @@ def holdings_of(
                 act = performance.only(gaits.actions[action])
                 diagonal = groups[g].diagonal or 2 * groups[g].radius
                 ((begin, end),) = act.spans
-                guess = yield from constant_progress(
-                    guess_keys(objects, act, diagonal), g / len(groups)
-                )
+                guess = yield from work.take(guess_keys(objects, act, diagonal))
                 live, baked = (
                     bones[g] * CURVES * ((end - begin) * a_frame + 1) for a_frame in guess
                 )
                 live_keys[g] += live
                 baked_keys[g][action] = baked
+        work.did(1)
     # importers leave actions in the file that nothing plays
     other_keys = np.zeros(len(groups))
     other_keys[:1] = sum(_keys_in(action) for action in bpy.data.actions if OWNED not in action)

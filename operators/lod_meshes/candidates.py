@@ -19,7 +19,7 @@ from ...crowd_lod.levels.lengths import (
     in_gaps,
 )
 from ...crowd_lod.levels.selection import View
-from ...crowd_lod.progress import constant_progress, sub_progress
+from ...crowd_lod.progress import Work
 from ..blender import removal, stored_values
 from ..blender.material_colors import Looks
 from ..blender.ownership import OWNED
@@ -144,15 +144,15 @@ class Ladder:
 
     def read(self) -> Iterator[float]:
         digests = []
-        for number, item in enumerate(self.objects):
+        work = Work(2 * len(self.objects))
+        for item in self.objects:
             source = sources.read_source(item)
             self.sources.append(source)
-            yield number / len(self.objects)
+            yield work.did(1)
             if source.mesh:
-                reading = sources.reading_weights(source.mesh)
-                source.weights = yield from constant_progress(reading, number / len(self.objects))
+                source.weights = yield from work.take(sources.reading_weights(source.mesh))
             digests.append(sources.object_digest(item, source))
-            yield (number + 1) / len(self.objects)
+            yield work.did(1)
         if not any(source.mesh for source in self.sources):
             raise CrowdError(
                 f"The character group {self.name} has no faces, modifiers applied: give it a "
@@ -279,24 +279,25 @@ class Ladder:
         elif goal in self.given:
             yield from self._measure_given(goal)
         else:
-            counts = yield from sub_progress(self._make(goal), 0.0, 0.4)
+            work = Work(10)
+            counts = yield from work.take(self._make(goal), 4)
             k = self.goals.index(goal)
             steps = self.judge.level(list(self.homes[goal].objects), k)
             if self._is_whole(goal) and all(source.item.type == "MESH" for source in self.sources):
                 steps = self.judge.whole()
-            deviation = yield from sub_progress(steps, 0.4, 1.0)
-            yield from constant_progress(self._note(goal, counts, deviation), 1.0)
+            deviation = yield from work.take(steps, 6)
+            yield from work.take(self._note(goal, counts, deviation))
 
     def _measure_given(self, goal: float) -> Iterator[float]:
         """Measure a LOD that was given, by tolerance in further frames as well."""
-        counts = yield from self._make(goal)
+        work = Work(10 if self.searched else 7)
+        counts = yield from work.take(self._make(goal))
         level = list(self.homes[goal].objects)
-        steps = self.judge.level(level, self.goals.index(goal))
-        deviation = yield from sub_progress(steps, 0.0, 0.7)
+        deviation = yield from work.take(self.judge.level(level, self.goals.index(goal)), 7)
         if self.searched:
             steps = self.judge.look_between([level], [deviation])
-            (deviation,) = yield from sub_progress(steps, 0.7, 1.0)
-        yield from constant_progress(self._note(goal, counts, deviation), 1.0)
+            (deviation,) = yield from work.take(steps, 3)
+        yield from work.take(self._note(goal, counts, deviation))
 
     def _make(self, goal: float) -> Generator[float, None, tuple[int, int]]:
         """Make the LOD that keeps the part `goal` of the triangles, or copy the given one.
@@ -307,15 +308,17 @@ class Ladder:
             lod = self.given[goal]
             self._keep(goal, lod.objects, copy_given(self.name, lod, self.objects))
             return self.counts[goal]
-        yield from self._read_skins()
+        work = Work(len(self.sources))
+        yield from work.take(self._read_skins())
         is_whole = self._is_whole(goal)
         parts = []  # (object, vertices, triangles)
-        for number, source in enumerate(self.sources):
+        for source in self.sources:
             if is_whole and source.item.type == "MESH":
                 parts.append(share_object(source))
             else:
                 steps = make_object(source, goal or 1.0, UNMEASURED_LEAST)
-                parts.append((yield from constant_progress(steps, number / len(self.sources))))
+                parts.append((yield from work.take(steps)))
+            yield work.did(1)
         items, vertices, triangles = zip(*parts, strict=True)
         self._keep(goal, self.objects, items)
         return sum(vertices), sum(triangles)
@@ -324,20 +327,21 @@ class Ladder:
         """Return whether the candidate is the character itself."""
         return goal == self.goals[0] and goal in (0.0, 1.0)
 
-    def _read_skins(self) -> Iterator[float]:
+    def _read_skins(self) -> Iterator[None]:
         if self.new_homes.keys() <= self.given.keys():
-            yield from constant_progress(self.judge.choose_frames(), 0.0)
+            yield from self.judge.choose_frames()
             for source in self.sources:
-                yield from constant_progress(skin_of(source, self.judge.own_frames), 0.0)
+                yield from skin_of(source, self.judge.own_frames)
 
     def _seek(self, length: float) -> Iterator[float]:
         """Search for the LOD that deviates by `length` at most."""
+        work = Work(1)
         if self.search is None:
-            yield from self._read_skins()
+            yield from work.take(self._read_skins())
             self.search = Search(self.sources, make_object, self.judge)
         triangles = self.measured.guess_triangles([length], OFTEN_LOST)[0]
         ratio = triangles / self.measured.value(0.0, "triangles")
-        tries, deviation = yield from self.search.find(length, ratio)
+        tries, deviation = yield from work.take(self.search.find(length, ratio), 1)
         for attempt, source in zip(tries, self.sources, strict=True):
             if WHY in attempt.item and 0.0 < attempt.ratio < 1.0:
                 reason = (
@@ -347,7 +351,7 @@ class Ladder:
         self._keep(length, self.objects, [attempt.item for attempt in tries])
         vertices = sum(attempt.vertices for attempt in tries)
         triangles = sum(attempt.triangles for attempt in tries)
-        yield from constant_progress(self._note(length, (vertices, triangles), deviation), 1.0)
+        yield from work.take(self._note(length, (vertices, triangles), deviation))
 
     def _keep(
         self,
@@ -409,13 +413,13 @@ class Ladder:
         # by distance all are made, whatever they deviate by
         return self.measured.complete(group, self.goals, usual if self.searched else None)
 
-    def mark_as_made(self, kept_homes: list[bpy.types.Collection]) -> Iterator[float]:
+    def mark_as_made(self, kept_homes: list[bpy.types.Collection]) -> Iterator[None]:
         """Note what the objects of the chosen collections are like; yield between them."""
         for home in kept_homes:
             if home in self.new_homes.values():
                 for item in home.objects:
                     item[AS_MADE] = hash_made(item)
-                    yield 0.0
+                    yield
 
     def settle(self, kept_homes: list[bpy.types.Collection]) -> None:
         goals = list(self.measured.rows)

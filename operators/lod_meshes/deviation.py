@@ -9,7 +9,7 @@ from mathutils.kdtree import KDTree
 
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.progress import constant_progress, run_in_thread, sub_progress
+from ...crowd_lod.progress import Work, run_in_thread
 from ...crowd_lod.simplification.distance_estimate import estimate_distances
 from ..blender.material_colors import Looks
 from ..blender.named_actions import performance_of
@@ -25,6 +25,7 @@ from .surface import merge
 from .unseen_frames import Looked, Watched, look_at, moments_beside, moments_between, watch
 
 SOLID = ("MESH", "CURVE", "SURFACE", "META", "FONT")  # types of objects that have faces
+LOOKED = 0.25  # what looking at a LOD in further frames costs, as a part of measuring it
 BELOW = 5e-5  # of the size: no frame exceeds a bound by less
 
 
@@ -91,20 +92,18 @@ class Measure:
         """
         if self.character is not None:
             return
-        yield from constant_progress(self.choose_frames(), 0.0)
-        reading = read_shapes(self.objects, self.frames, self.performance)
-        shapes = yield from sub_progress(reading, 0.0, 0.3)
-        diagonals = yield from constant_progress(run_in_thread(lambda: _diagonals(shapes)), 0.3)
+        work = Work(10)
+        yield from work.take(self.choose_frames())
+        shapes = yield from work.take(read_shapes(self.objects, self.frames, self.performance), 3)
+        diagonals = yield from work.take(run_in_thread(lambda: _diagonals(shapes)))
         if not diagonals:
             raise CrowdError(
                 f"The character {self.name} shows no face in any pose of its action: check its "
                 f"modifiers."
             )
         self.diagonal = max(diagonals)
-        surfacing = run_in_thread(lambda: PosedSurface(shapes))
-        self.character = yield from constant_progress(surfacing, 0.4)
-        # it takes most of the time
-        yield from constant_progress(run_in_thread(lambda: self.character.visible), 0.5)
+        self.character = yield from work.take(run_in_thread(lambda: PosedSurface(shapes)), 2)
+        yield from work.take(run_in_thread(lambda: self.character.visible), 5)
 
     def visible(self, number: int) -> np.ndarray:
         """Return which vertices of the object someone may see, (n,) bool, as it is evaluated.
@@ -186,21 +185,19 @@ class Measure:
         Returns (deviation, bound, root mean square, moment of the worst pose), meters. CrowdError
         if either has no face in any pose.
         """
-        yield from sub_progress(self.read(), 0.0, 0.2)
-        shapes = yield from sub_progress(
-            read_shapes(objects, self.frames, self.performance), 0.2, 0.4
-        )
+        work = Work(10)
+        yield from work.take(self.read(), 2)
+        shapes = yield from work.take(read_shapes(objects, self.frames, self.performance), 2)
         surfacing = run_in_thread(lambda: PosedSurface(shapes, self.character))
-        lod = yield from constant_progress(surfacing, 0.4)
+        lod = yield from work.take(surfacing, 3)
         self._levels[_key(objects)] = lod
         comparing = run_in_thread(lambda: compare_surfaces(self.character, lod, self.frames))
-        compared = yield from constant_progress(comparing, 0.7)
+        compared = yield from work.take(comparing, 3)
         if compared is None:
             raise CrowdError(
                 f"LOD {k} of {self.name} has no face: raise its ratio and press Make LOD Meshes."
             )
         found, self.worst = compared
-        yield 1.0
         return found
 
     def look_between(
@@ -226,11 +223,12 @@ class Measure:
             or any(len(lod.runs) > 1 for lod in lods)
         ):
             return rows
-        pairs = yield from run_in_thread(lambda: _watched_pairs(self.character, lods))
+        work = Work(10)
+        pairs = yield from work.take(run_in_thread(lambda: _watched_pairs(self.character, lods)))
         with Posed(self.objects, [levels[k] for k in indices], self.performance) as posed:
-            off = yield from sub_progress(look_at(posed, moments, pairs), 0.0, 0.8)
+            off = yield from work.take(look_at(posed, moments, pairs), 8)
             beside = moments_beside(moments, off)
-            closer = yield from sub_progress(look_at(posed, beside, pairs), 0.8, 0.9)
+            closer = yield from work.take(look_at(posed, beside, pairs), 1)
             times = np.array([*moments, *beside])
             off = np.concatenate([off, closer], axis=1)
             for number, (k, lod) in enumerate(zip(indices, lods, strict=True)):
@@ -239,7 +237,7 @@ class Measure:
                 )
                 before = rows[k][1]
                 beyond = rows[k][0]  # between places a LOD may be farther off than in any pose
-                while row := (yield from constant_progress(looked.measure(rows[k], beyond), 0.9)):
+                while row := (yield from work.take(looked.measure(rows[k], beyond))):
                     rows[k] = row
                     beyond = row[1] + BELOW * self.diagonal
                 if rows[k][1] > before:
@@ -285,16 +283,11 @@ def measure(
     Returns the group with deviations and bounds.
     """
     by = Measure(group.name, objects, actions)
+    work = Work((1 + LOOKED) * len(levels))
     rows = []
     for k, level in enumerate(levels):
-        rows.append(
-            (
-                yield from sub_progress(
-                    by.level(level, k), 0.8 * k / len(levels), 0.8 * (k + 1) / len(levels)
-                )
-            )
-        )
-    rows = yield from sub_progress(by.look_between(levels, rows), 0.8, 1.0)
+        rows.append((yield from work.take(by.level(level, k), 1)))
+    rows = yield from work.take(by.look_between(levels, rows), LOOKED * len(levels))
     deviations, bounds, rms, worst = zip(*rows, strict=True)
     return replace(
         group,
@@ -357,6 +350,7 @@ def measure_levels(scene: bpy.types.Scene) -> Iterator[float]:
         )
     group_by_name = {group.name: group for group in groups_of(settings)}
     measured = []
+    work = Work(len(characters))
     for g, (name, objects, _) in enumerate(characters):
         if name not in group_by_name:
             raise CrowdError(
@@ -366,9 +360,7 @@ def measure_levels(scene: bpy.types.Scene) -> Iterator[float]:
         meshes = meshes_of(settings.levels, g, name)
         actions = actions_named(scene, name)
         steps = measure(group_by_name[name], objects, meshes, actions)
-        measured_group = yield from sub_progress(
-            steps, g / len(characters), (g + 1) / len(characters)
-        )
+        measured_group = yield from work.take(steps, 1)
         if settings.shading_counts:
             appearance = Looks()
             coarser = zip(meshes[1:], measured_group.worst[1:], strict=True)
@@ -377,7 +369,7 @@ def measure_levels(scene: bpy.types.Scene) -> Iterator[float]:
             for mesh, worst in coarser:
                 at = performance, worst
                 comparing = compare(objects, mesh, at, measured_group.diagonal, appearance)
-                shaded.append((yield from constant_progress(comparing, (g + 1) / len(characters))))
+                shaded.append((yield from work.take(comparing)))
             measured_group = replace(measured_group, shaded=tuple(shaded))
         measured.append(measured_group)
     store_groups(settings, tuple(measured))

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import bpy
 import numpy as np
 
+from ...crowd_lod.progress import Work
 from ..blender import mesh_data
 from ..blender.named_actions import own_performance
 from ..blender.opacity import is_opaque
@@ -118,11 +119,12 @@ def read_shapes(
     Yields the progress.
     """
     shapes = []
+    work = Work(len(frames))
     with Posed(objects, (), performance) as posed:
         for frame in frames:
             shapes += posed.shapes(frame)
             performance.rest()
-            yield len(shapes) / len(frames)
+            yield work.did(1)
     return shapes
 
 

@@ -14,7 +14,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.levels.lengths import read_curve
-from ...crowd_lod.progress import constant_progress, run_in_thread, sub_progress
+from ...crowd_lod.progress import Work, run_in_thread
 from .deviation import Estimate, Measure
 from .dispensable import find_dispensable
 from .level_objects import LEAST, discard
@@ -23,6 +23,7 @@ from .source_mesh import Source
 LEFT = 0.1  # part of a search that is left after the first measurement of the whole, on average
 FITTED = 0.72  # part of a try of a length after which the whole is measured
 LEFT_OF_ROUND = 0.5  # part of the tries that is left after one, on average
+TRIED = 0.4  # part of such a round that making takes; the rest is to estimate what was made
 ROUNDS = 5  # tries of a length, at most, before the whole is measured
 # The whole is measured so many times at most. Each time tries aim at the length divided by this:
 # where no estimate sees what is lost, such as an arm, more triangles keep it.
@@ -212,11 +213,12 @@ class Search:
         Yields the progress. Returns its objects and what was measured of them. Where none fits,
         these are the character's own.
         """
-        yield from self._leave_out(length / USUAL)
-        fitting = yield from self._fitting(length, about)
+        work = Work(1)
+        yield from work.take(self._leave_out(length / USUAL))
+        fitting = yield from work.take(self._fitting(length, about), 1)
         if fitting is None:
-            objects = yield from self._whole()
-            fitting = objects, (yield from constant_progress(self._measure(objects, length), 1.0))
+            objects = yield from work.take(self._whole())
+            fitting = objects, (yield from work.take(self._measure(objects, length)))
         for curve in self.curves:
             curve.end_length(fitting[0])
         return fitting
@@ -230,20 +232,19 @@ class Search:
         estimated, they learn from it, and aim at less the next time.
         """
         measured_before: list[list[Try]] = []
-        for k, finer in enumerate(SAFE):
-            begin = 1 - LEFT**k
-            end = 1 - LEFT ** (k + 1)
-            measuring = begin + FITTED * (end - begin)
+        work = Work(1)
+        for finer in SAFE:
+            cost = (1 - LEFT) * work.left
             aim = length / (USUAL * finer)
-            yield from sub_progress(self._fit(aim, about), begin, measuring)
+            yield from work.take(self._fit(aim, about), FITTED * cost)
             objects = self._best(aim)
             if objects in measured_before:
                 continue
             measured_before.append(objects)
-            measured = yield from sub_progress(self._measure(objects, length), measuring, end)
+            measured = yield from work.take(self._measure(objects, length), (1 - FITTED) * cost)
             if measured[1] <= length:
                 return objects, measured
-            yield from constant_progress(self._learn(objects, aim, measured[1] / USUAL), end)
+            yield from work.take(self._learn(objects, aim, measured[1] / USUAL))
             self._mend_left_out(aim)
         return None
 
@@ -253,11 +254,10 @@ class Search:
         Yields the progress.
         """
         items = [attempt.item for attempt in objects]
-        measured = yield from sub_progress(self.by.level(items, 1), 0.0, 0.5)
+        work = Work(2)
+        measured = yield from work.take(self.by.level(items, 1), 1)
         if measured[1] <= length:
-            (measured,) = yield from sub_progress(
-                self.by.look_between([items], [measured]), 0.5, 1.0
-            )
+            (measured,) = yield from work.take(self.by.look_between([items], [measured]), 1)
         return measured
 
     def _learn(self, objects: list[Try], aim: float, deviation: float) -> Iterator[float]:
@@ -293,32 +293,34 @@ class Search:
 
     def _whole(self) -> Generator[float, None, list[Try]]:
         """Make the objects of the character itself, as no LOD fits."""
-        return (yield from self._try([1.0] * len(self.curves), 1.0))
+        return (yield from self._try([1.0] * len(self.curves)))
 
     def _fit(self, length: float, about: float) -> Generator[float, None, None]:
         """Try until each object's best try deviates by about `length`, as estimated.
 
         Yields the progress.
         """
+        work = Work(1)
         for k in range(ROUNDS):
-            tried, estimated = (1 - LEFT_OF_ROUND ** (k + part) for part in (0.15, 0.6))
+            cost = (1 - LEFT_OF_ROUND) * work.left
             near = length * self.nearness
             plans = [curve.next_try(near, about) for curve in self.curves]
             if all(ratio is None for ratio in plans):
-                missed = yield from constant_progress(self._miss_left_out(length), estimated)
+                missed = yield from work.take(self._miss_left_out(length))
                 if k + 1 == ROUNDS or not missed:
                     return
                 continue
-            attempts = yield from self._try(plans, tried)
+            attempts = yield from work.take(self._try(plans), TRIED * cost)
             objects = [
                 new or curve.best(near) for new, curve in zip(attempts, self.curves, strict=True)
             ]
-            yield from constant_progress(self.by.read(), tried)
+            yield from work.take(self.by.read())
             steps = self.by.estimate([attempt.item for attempt in objects], length)
-            estimate = yield from constant_progress(steps, estimated)
+            estimate = yield from work.take(steps)
+            work.did((1 - TRIED) * cost)
             for index, (new, curve) in enumerate(zip(attempts, self.curves, strict=True)):
                 if new:
-                    yield from constant_progress(self._note(index, new, estimate), estimated)
+                    yield from work.take(self._note(index, new, estimate))
                     if not curve.dispensable:
                         curve.known_tries.append(new)
 
@@ -327,8 +329,8 @@ class Search:
         return [curve.best(length * self.nearness) for curve in self.curves]
 
     def _leave_out(self, length: float) -> Iterator[float]:
-        """Find which objects a LOD of the length may leave out; yield the progress."""
-        yield from constant_progress(self.by.read(), 0.0)
+        """Find which objects a LOD of the length may leave out; yield between steps."""
+        yield from self.by.read()
         self.nearness = 1.0
         if len(self.curves) > 1:
             dispensable = yield from run_in_thread(
@@ -397,16 +399,16 @@ class Search:
             curve.evaluated = yield from run_in_thread(partial(self.by.vertices_at, number, points))
         attempt.away = estimate.away[number][curve.evaluated]
 
-    def _try(
-        self, plans: Sequence[float | None], progress: float
-    ) -> Generator[float, None, list[Try | None]]:
-        """Make a try of the ratio that is planned for each source; yields `progress`."""
+    def _try(self, plans: Sequence[float | None]) -> Generator[float, None, list[Try | None]]:
+        """Make a try of the ratio that is planned for each source; yields the progress."""
+        work = Work(len(plans))
         attempts: list[Try | None] = []
         for ratio, curve in zip(plans, self.curves, strict=True):
             new = None
             if ratio is not None:
-                made = yield from constant_progress(self.make(curve.source, ratio), progress)
+                made = yield from work.take(self.make(curve.source, ratio))
                 new = Try(*made, ratio, curve.weighed)
                 curve.tries.append(new)
             attempts.append(new)
+            yield work.did(1)
         return attempts

@@ -25,7 +25,7 @@ from ...crowd_lod.levels.selection import (
     fit_in_memory,
     priced,
 )
-from ...crowd_lod.progress import constant_progress, finished
+from ...crowd_lod.progress import Work, finished
 from ...crowd_lod.shot.exceptions import lod_limits
 from ..blender import scene_data
 from ..blender.cameras import reading_cameras
@@ -69,20 +69,21 @@ def views(crowd: SceneCrowd) -> Generator[float, None, list[GroupShot]]:
     looked_at = _frames_looked_at(scene, settings)
     frames = scene_data.frames_of(scene)
     exemptions = chosen_exemptions(crowd, frames) if limits_levels(settings) else ()
-    cameras = yield from constant_progress(reading_cameras(scene, looked_at), 0.0)
+    work = Work(len(looked_at))
+    cameras = yield from work.take(reading_cameras(scene, looked_at))
     center, radius = (
         np.array([getattr(group, name) for group in trajectory.groups])
         for name in ("center", "radius")
     )
     gaits = trajectory.gaits
     library = crowd.library
-    cast = yield from constant_progress(holdings_of(crowd.characters, trajectory, library), 0.0)
+    cast = yield from work.take(holdings_of(crowd.characters, trajectory, library))
     first = library.first(gaits)
     moving = library.owner(gaits)[np.unique(cast.moved_as)]
     # the part of a group's characters with rigs: those that move parts count where they are made
     rigged = np.bincount(moving, minlength=len(first) - 1) / np.diff(first)
     views_of = [[] for _ in trajectory.groups]
-    for number, (frame, eyes) in enumerate(zip(looked_at, cameras, strict=True), start=1):
+    for frame, eyes in zip(looked_at, cameras, strict=True):
         agents_then = trajectory.at(frame)
         visible, distance = radar(agents_then, eyes, center, radius)
         finest, coarsest, hidden = lod_limits(exemptions, frame, len(agents_then))
@@ -98,7 +99,7 @@ def views(crowd: SceneCrowd) -> Generator[float, None, list[GroupShot]]:
                 lods = np.stack([finest[agents], coarsest[agents]], axis=1).astype(np.intp)
                 view = View(eyes[0], nearest, float(away.max()), away, pose, 1, frame, lods)
                 group_views.append(view.counted() if len(looked_at) > MOST_FRAMES else view)
-        yield number / len(looked_at)
+        yield work.did(1)
     costs = scene_data.costs_of(scene)
     anywhere = [View(eyes[0], eyes[0].near, eyes[0].far) for eyes in cameras]
     return [

@@ -13,6 +13,7 @@ import numpy as np
 
 from ...crowd_lod.animation.skinning import SkinnedMesh, closed, merge, pose, skin, strongest
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.progress import Work
 from ..blender import mesh_data, removal
 from ..blender.animation import armatures_of
 from ..blender.material_colors import Looks
@@ -187,25 +188,27 @@ def _baking(name: str, bench: _Bench) -> Generator[float, None, Character]:
     """Bake the character on the bench: yield the progress between small steps, return it."""
     appearance = Looks()
     meshes_at_rest = []
+    work = Work(len(bench.times) + len(bench.parts))
     for number in range(len(bench.parts)):
-        meshes_at_rest.append((yield from _reading(bench, number, appearance)))
+        meshes_at_rest.append((yield from work.take(_reading(bench, number, appearance))))
     bench.read_places_alone()
     recorder = _Recorder(bench.origin)
     for index in range(len(bench.times)):
         recorder.record(bench.parts, bench.go_to(index))
-        yield (index + 1) / (len(bench.times) + 1)
+        yield work.did(1)
     joints = _Joints(recorder)
     pieces = []
     for part, at_rest in zip(bench.parts, meshes_at_rest, strict=True):
         pieces.append(_piece(part, joints, at_rest))
-        yield 1.0
+        yield work.did(1)
     frames = joints.frames()
     if frames.shape[1] > MOST_JOINTS:
         raise CrowdError(
             f"it has {frames.shape[1]:,} joints, counting the bones of all its objects; use at "
             f"most {MOST_JOINTS:,}"
         )
-    off = yield from _comparing(bench, [source for source, _ in pieces[: bench.counts[0]]], frames)
+    sources = [source for source, _ in pieces[: bench.counts[0]]]
+    off = yield from work.take(_comparing(bench, sources, frames))
     ends = np.cumsum(bench.counts).tolist()
     levels = [pieces[end - count : end] for end, count in zip(ends, bench.counts, strict=True)]
     meshes = tuple(merge([mesh for _, mesh in level]) for level in levels)
@@ -304,7 +307,7 @@ class _Joints:
         return np.ascontiguousarray(np.stack(self.kept, axis=1))
 
 
-def _reading(bench: _Bench, number: int, appearance: Looks) -> Generator[float, None, tuple]:
+def _reading(bench: _Bench, number: int, appearance: Looks) -> Generator[None, None, tuple]:
     """Read a part at rest: yield between steps, return its vertices and its distinct corners.
 
     Returns (points (v, 3), weights (v, bones), then of each distinct corner its vertex, normal, uv,
@@ -329,7 +332,7 @@ def _reading(bench: _Bench, number: int, appearance: Looks) -> Generator[float, 
         item = bench.parts[number].item
         materials = [slot.material for slot in item.material_slots] or [None]
         table = np.array([appearance.of(material) for material in materials], np.float32)
-    yield 0.0
+    yield
     look = table[slots[faces].clip(0, len(materials) - 1)].repeat(3, axis=0)
     loop = corners.ravel()
     # Only corners with an image keep their uv: others would split vertices for nothing.
@@ -339,7 +342,7 @@ def _reading(bench: _Bench, number: int, appearance: Looks) -> Generator[float, 
     _, distinct, corner = np.unique(
         rows.view(f"V{rows.shape[1] * 4}").ravel(), return_index=True, return_inverse=True
     )
-    yield 0.0
+    yield
     weights = yield from _reading_weights(bench, number, len(points))
     return (
         points,
@@ -353,7 +356,7 @@ def _reading(bench: _Bench, number: int, appearance: Looks) -> Generator[float, 
     )
 
 
-def _reading_weights(bench: _Bench, number: int, count: int) -> Generator[float, None, np.ndarray]:
+def _reading_weights(bench: _Bench, number: int, count: int) -> Generator[None, None, np.ndarray]:
     """Read the weights of a part's `count` vertices: yield between some, return (count, bones)."""
     bones = bench.parts[number].bones
     weights = np.zeros((count, len(bones)), np.float32)
@@ -368,7 +371,7 @@ def _reading_weights(bench: _Bench, number: int, count: int) -> Generator[float,
                 for entry in vertex.groups:
                     if entry.group in columns:
                         weights[vertex.index, columns[entry.group]] = entry.weight
-        yield 0.0
+        yield
     return weights
 
 
@@ -406,7 +409,7 @@ def _piece(part: _Part, joints: _Joints, read: tuple) -> tuple[SkinnedMesh, Skin
 
 def _comparing(
     bench: _Bench, sources: list[SkinnedMesh], frames: np.ndarray
-) -> Generator[float, None, float]:
+) -> Generator[None, None, float]:
     """Compare the skinned `sources`, the parts of LOD 0, with Blender's vertices.
 
     Yields between POSES of the moments. Returns the greatest distance in meters; inf if vertex
@@ -429,5 +432,5 @@ def _comparing(
                 return np.inf
             mine = skin(source, posed)[0]
             worst = max(worst, float(np.linalg.norm(mine - evaluated, axis=1).max(initial=0)))
-        yield 1.0
+        yield
     return worst

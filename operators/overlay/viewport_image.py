@@ -54,7 +54,7 @@ class CROWDLOD_OT_render_viewport(Stepwise, bpy.types.Operator):
                 )
         finally:
             canvas.free()
-        yield 0.9
+        yield 1.0
         image = image_data.write_image("Viewport with crowd", pixels[..., :3])
         if not bpy.app.background:
             bpy.app.timers.register(partial(show_image, image.name))

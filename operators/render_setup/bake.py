@@ -16,7 +16,7 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import note_of, unplanned_notes
-from ...crowd_lod.progress import constant_progress, sub_progress
+from ...crowd_lod.progress import Work
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import frame_stepping, mesh_data, removal, scene_data
 from ..blender.ownership import remove_owned
@@ -69,15 +69,16 @@ def bake(
     crowd = read_crowd(scene)
     check_scene(crowd)
     _check_shutter(scene)
-    read = yield from sub_progress(read_library(crowd), 0.0, 0.2)
+    work = Work(10)
+    read = yield from work.take(read_library(crowd), 2)
     with removed_on_failure(read.blocks):
         library = Library(read.posed)
-        moments = yield from sub_progress(_compute(crowd, library, frames, strict), 0.2, 0.8)
+        moments = yield from work.take(_compute(crowd, library, frames, strict), 6)
     selection = _select_characters(moments.rows, crowd.policy.count)
-    cast = yield from sub_progress(make_cast(crowd, selection, read), 0.8, 0.99)
+    cast = yield from work.take(make_cast(crowd, selection, read), 2)
     times = [scene_data.remap(scene.render, number) for number in frames]
     with removed_on_failure(cast.names):
-        yield from constant_progress(trim_actions(cast.rigs, times), 0.99)
+        yield from work.take(trim_actions(cast.rigs, times))
     top = install(crowd, cast)
     mark(scene, frames)
     _write(top, moments)
@@ -206,12 +207,12 @@ def _compute(
     trajectory = crowd.trajectory
     moments = _Moments({bucket.name: [] for bucket in buckets_of(crowd.policy.count)})
     points = dict.fromkeys(moments.rows, 0)
+    work = Work(10 * len(frames))
     with frame_stepping.step_frames(scene) as at:
-        for k, number in enumerate(frames):
-            way = approach(trajectory, scene_data.remap(scene.render, number))
-            yield from sub_progress(way, k / len(frames), (k + 0.9) / len(frames))
-            planning = _plan(crowd, number, at, moments)
-            frame = yield from constant_progress(planning, (k + 0.9) / len(frames))
+        for number in frames:
+            time = scene_data.remap(scene.render, number)
+            yield from work.take(approach(trajectory, time), 9)
+            frame = yield from work.take(_plan(crowd, number, at, moments))
             moments.unplanned.append(note_of(number, frame.unplanned, strict))
             shutter = held_by(crowd, number, frame.crowd)
             for name, agents in members(frame).items():
@@ -223,7 +224,7 @@ def _compute(
                     f"The frames {frames[0]} to {number} hold over {MOST_POINTS:,} points of "
                     f"one LOD: bake fewer frames at a time."
                 )
-            yield (k + 1) / len(frames)
+            yield work.did(1)
     return moments
 
 

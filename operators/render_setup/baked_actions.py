@@ -11,7 +11,7 @@ from .rig_models import fill_curve
 EITHER_SIDE = 1.0  # frames before and after each baked one, for motion blur
 
 
-def trim_actions(rigs: Sequence[bpy.types.Object], times: Sequence[float]) -> Iterator[float]:
+def trim_actions(rigs: Sequence[bpy.types.Object], times: Sequence[float]) -> Iterator[None]:
     """Remove the keys of the rigs' actions that no frame of a bake needs; yield between curves.
 
     rigs: of rigs.perform; several share an action. times: of the frames, in frames of the
@@ -29,7 +29,7 @@ def trim_actions(rigs: Sequence[bpy.types.Object], times: Sequence[float]) -> It
         for bag in (bag for layer in action.layers for s in layer.strips for bag in s.channelbags):
             for curve in bag.fcurves:
                 _trim(curve, whole)
-                yield 0.0
+                yield
 
 
 def _played(time_curve: bpy.types.FCurve, times: np.ndarray) -> np.ndarray:

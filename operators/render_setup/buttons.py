@@ -8,7 +8,7 @@ from ...crowd_lod.format import counted
 from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.frame.frame_range import shot_frames
 from ...crowd_lod.frame.index_cache import approach
-from ...crowd_lod.progress import Made, constant_progress, sub_progress
+from ...crowd_lod.progress import Made, Work
 from ..blender import frame_stepping, provenance, removal, scene_data
 from ..blender.cameras import read_cameras
 from ..blender.operator import Reporting, Stepwise
@@ -55,11 +55,12 @@ def prepared(
     lacks_levels = settings.levels is None
     dropped = settings.dropped
     estimate = settings.estimate
-    groups = earlier_groups or (yield from constant_progress(measuring_groups(scene), 0.0))
-    yield from constant_progress(reading_afresh(scene), 0.0)
+    whole = Work(10 if lacks_levels else 7)
+    groups = earlier_groups or (yield from whole.take(measuring_groups(scene)))
+    yield from whole.take(reading_afresh(scene))
     crowd = read_crowd(scene, groups=groups)
     time = scene_data.time_of(scene)
-    yield from constant_progress(approach(crowd.trajectory, time), 0.0)
+    yield from whole.take(approach(crowd.trajectory, time))
     around = lights.read_surroundings(scene, layer.depsgraph, time)
     # what is wrong is said before the work begins
     frame_of(crowd, SceneMoment(time, read_cameras(scene, layer.depsgraph), around))
@@ -67,14 +68,14 @@ def prepared(
     try:
         with removal.all_or_nothing(), shared_record(scene, frames):
             if lacks_levels:
-                yield from sub_progress(make_levels(scene), 0.0, 0.3)
+                yield from whole.take(make_levels(scene), 3)
             elif not earlier_groups:
                 store_groups(settings, groups)
             if lacks_levels or not earlier_groups:
                 crowd = read_crowd(scene)  # the groups are others
-            yield from constant_progress(reading(scene), 0.3 if lacks_levels else 0.0)
+            yield from whole.take(reading(scene))
             made_for = build_parts(crowd)
-            result = yield from sub_progress(work(crowd), 0.3 if lacks_levels else 0.0, 1.0)
+            result = yield from whole.take(work(crowd), 7)
             # no more yields: what is half shown could not be put back
             with provenance.unedited():
                 hide_characters(scene)

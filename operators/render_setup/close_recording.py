@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import bpy
 import numpy as np
 
-from ...crowd_lod.progress import sub_progress
+from ...crowd_lod.progress import Work
 from ..blender.animation import armatures_of
 from ..blender.performance import Performance
 from ..characters.bone_channels import channels
@@ -77,12 +77,13 @@ def record_closely(
 
     Yields the progress.
     """
+    work = Work(10)
     times = performance.keys(1)
-    bones, places = yield from sub_progress(record(actors, times, performance), 0.0, 0.4)
+    bones, places = yield from work.take(record(actors, times, performance), 4)
     reach = {armature: _reach(motion, actors, places) for armature, motion in bones.items()}
     kinks = _kinks(actors, performance)
     recording = Recording(times, bones, places, reach, kinks, np.full(len(times) - 1, np.nan))
-    return (yield from sub_progress(refine(recording, actors, performance, most_off), 0.4, 1.0))
+    return (yield from work.take(refine(recording, actors, performance, most_off), 6))
 
 
 def refine(
@@ -92,14 +93,12 @@ def refine(
     most = max(MOST_KEYS, 2 * len(performance.keys(1)))
     allowed = _affordable(recording.off, most_off, most)
     recording.off[recording.off > allowed] = np.nan
-    rounds = 0
+    work = Work(1)
     while np.isnan(recording.off).any():
         (begins,) = np.nonzero(np.isnan(recording.off))
         times = recording.between()[begins]
-        recorded = yield from sub_progress(
-            record(actors, times, performance), _part(rounds), _part(rounds + 1)
-        )
-        rounds += 1
+        # each round is about half as long as the one before
+        recorded = yield from work.take(record(actors, times, performance), work.left / 2)
         between = replace(recording, times=times, bones=recorded[0], places=recorded[1])
         recording.off[begins] = _measure(recording, between, begins)
         allowed = _affordable(recording.off, allowed, most)
@@ -119,11 +118,6 @@ def _affordable(off: np.ndarray, allowed: float, most: int) -> float:
     while np.ceil(np.sqrt(np.fmax(off / allowed, 1.0))).sum() > most:
         allowed *= 1.2
     return allowed
-
-
-def _part(rounds: int) -> float:
-    """Return which part of the work is done after so many rounds, each half as long."""
-    return 1.0 - 0.5**rounds
 
 
 def _inserted(

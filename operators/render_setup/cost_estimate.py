@@ -9,6 +9,7 @@ from typing import NamedTuple
 import bpy
 import numpy as np
 
+from ...crowd_lod import progress
 from ...crowd_lod.culling.coverage import covered_pixels
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import byte_size
@@ -27,7 +28,6 @@ from ...crowd_lod.levels.cost_model import (
     stored_triangles,
     work_of,
 )
-from ...crowd_lod.progress import constant_progress, run_in_thread, sub_progress
 from ..blender import frame_stepping, scene_data
 from ..characters.cast_provenance import reading
 from ..characters.holdings import holdings_of
@@ -204,9 +204,10 @@ def estimate(
     check_levels(crowd)
     library = crowd.library
     owner = library.owner(trajectory.gaits)
-    cast = yield from constant_progress(holdings_of(crowd.characters, trajectory, library), 0.0)
-    views = yield from _look_at(crowd, choices, looked_at)
-    of_plan = yield from constant_progress(meshes_of_plan(crowd), 1.0)
+    whole = progress.Work(1)
+    cast = yield from whole.take(holdings_of(crowd.characters, trajectory, library))
+    views = yield from whole.take(_look_at(crowd, choices, looked_at), 1)
+    of_plan = yield from whole.take(meshes_of_plan(crowd))
     works = {}
     mine = CHOICES[settings.choice]
     costs = scene_data.costs_of(scene)
@@ -281,20 +282,17 @@ def _look_at(
     rays = []
     hidden_agents = 0
     in_picture = 0
+    whole = progress.Work(2 * len(numbers))
     with frame_stepping.step_frames(scene) as at:
-        for number_done, number in enumerate(numbers):
+        for number in numbers:
             time = scene_data.remap(scene.render, number)
-            yield from sub_progress(
-                approach(crowd.trajectory, time),
-                number_done / len(numbers),
-                (number_done + 0.5) / len(numbers),
-            )
+            yield from whole.take(approach(crowd.trajectory, time), 1)
             moment = lights.read_moment(scene, time, at)
-            yield from constant_progress(reading(scene), (number_done + 0.5) / len(numbers))
+            yield from whole.take(reading(scene))
             use = use_of(crowd.at_present_frame(), time, moment.eyes)
             for name, choice in choices.items():
                 chosen = replace(crowd, policy=choice.policy)
-                frame = yield from run_in_thread(partial(frame_by_policy, chosen, moment))
+                frame = yield from progress.run_in_thread(partial(frame_by_policy, chosen, moment))
                 if name == mine:
                     frame = use.applied(frame)
                 agents_shown[name].append(_count_shown(frame, crowd, choice.policy.count))
@@ -302,7 +300,7 @@ def _look_at(
             hidden_agents += hidden_wholly(frame)
             visible = len(frame.without_worn(frame.buckets).order)
             in_picture += hidden_wholly(frame) + visible
-            yield (number_done + 1) / len(numbers)
+            yield whole.did(1)
     counts = {name: np.array(rows) for name, rows in agents_shown.items()}
     share_hidden = hidden_agents / max(in_picture, 1) if settings.occlusion else None
     planned = max(len(numbers) * len(choices), 1)

@@ -7,7 +7,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.crowd.agents import Group
-from ...crowd_lod.progress import sub_progress
+from ...crowd_lod.progress import Work
 from ..blender import removal, scene_data
 from ..blender.named_actions import group_performance
 from ..blender.performance import Performance
@@ -46,16 +46,16 @@ def read_library(crowd: SceneCrowd) -> Generator[float, None, GroupModels]:
     check_measured(characters, measured)
     library = GroupModels(np.zeros(len(characters), np.intp))
     lead = leads(characters, measured)
+    work = Work(len(characters))
     with removed_on_failure(library.blocks):
         for g in range(len(characters)):
             if lead[g] == g:
                 family = [v for v, leader in enumerate(lead) if leader == g]
-                modeling = _model_group(crowd, measured[g], family, library)
-                yield from sub_progress(modeling, g / len(characters), (g + 1) / len(characters))
+                yield from work.take(_model_group(crowd, measured[g], family, library), 1)
             else:  # a part moves as its wearers do
                 library.posed[g] = library.posed[lead[g]]
                 library.models.append(library.models[lead[g]])
-            yield (g + 1) / len(characters)
+                yield work.did(1)
     return library
 
 
@@ -107,15 +107,16 @@ def _models(
     models = []
     sentences = []
     before = set(blocks)
-    for k, act in enumerate(acts):
+    work = Work(len(acts))
+    for act in acts:
         alike = [
             model for model, other in zip(models, acts, strict=False) if other.parts == act.parts
         ]
         if alike:  # its own action, in place of one that another group plays
             models.append(alike[0])
+            work.did(1)
             continue
-        modeling = rigs.make_model(character, act, blocks)
-        model, reason = yield from sub_progress(modeling, k / len(acts), (k + 1) / len(acts))
+        model, reason = yield from work.take(rigs.make_model(character, act, blocks), 1)
         if reason:
             sentences.append(reason)
         if model is None:

@@ -12,7 +12,7 @@ import numpy as np
 from mathutils import Matrix
 
 from ...crowd_lod.animation.phase_classes import Library
-from ...crowd_lod.progress import sub_progress
+from ...crowd_lod.progress import Work
 from ...crowd_lod.shot.stand_ins import hold_shown, stand_ins
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import mesh_data, removal
@@ -91,8 +91,9 @@ def make_cast(
 
     Yields the progress, 0 to 1, and returns the Cast. Closed early, it leaves nothing behind.
     """
+    work = Work(1 if library else 2)
     if library is None:
-        library = yield from sub_progress(read_library(crowd), 0.0, 0.5)
+        library = yield from work.take(read_library(crowd), 1)
     cast = Cast(
         library.posed,
         [[] for _ in range(crowd.policy.count)],
@@ -108,7 +109,7 @@ def make_cast(
                 [(number, (level, number)) for number in numbers if number in selected]
                 for level, selected in enumerate(selection)
             ]
-        yield from sub_progress(_fill_collections(crowd, library, shelves, cast), 0.5, 1.0)
+        yield from work.take(_fill_collections(crowd, library, shelves, cast), 1)
     idle = [block for block in library.blocks if not block.users]  # of groups that nobody shows
     for block in idle:
         del cast.names[block]
@@ -176,6 +177,7 @@ def _make_characters(
     first = Library(cast.posed).first(trajectory.gaits)
     rig_of: dict = {}
     objects: dict[Mesh, list[bpy.types.Object]] = {}
+    work = Work(int(first[-1]))
     for g, (name, own_objects, _) in enumerate(crowd.characters):
         homes = [home_of(level, g, name) for level in levels]
         with as_rendered(item for home in homes for item in home.objects) as (stage, actors):
@@ -188,7 +190,7 @@ def _make_characters(
                 if of_levels:
                     made = _make_character(cast, group, number, place, of_levels, trajectory)
                     objects |= {(level, number): items for level, items in made.items()}
-                yield number / first[-1]
+                yield work.did(1)
     return objects
 
 

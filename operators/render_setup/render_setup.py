@@ -13,7 +13,7 @@ import numpy as np
 from ...crowd_lod.animation.phase_classes import Library
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import number as figure
-from ...crowd_lod.progress import constant_progress, sub_progress
+from ...crowd_lod.progress import Work
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import provenance, removal, scene_data, stored_values
 from ..blender.ownership import OWNED, remove_owned
@@ -145,13 +145,14 @@ def build(crowd: SceneCrowd, selection: Selection | None = None) -> Generator[fl
     complete = selection is None
     cast = of_plan = None
     inputs = {}
+    work = Work(10 if complete else 8)
     if complete:
-        yield from constant_progress(reading(scene), 0.0)
-        of_plan = yield from sub_progress(meshes_of_plan(crowd), 0.0, 0.2)
+        yield from work.take(reading(scene))
+        of_plan = yield from work.take(meshes_of_plan(crowd), 2)
         inputs = _inputs_of_characters(crowd, of_plan)
         cast = _current_cast(scene, inputs)
     if cast is None:
-        cast = yield from sub_progress(make_cast(crowd, selection, of_plan=of_plan), 0.2, 1.0)
+        cast = yield from work.take(make_cast(crowd, selection, of_plan=of_plan), 8)
     top = install(crowd, cast)
     if complete:
         provenance.keep(top, MADE_OF, inputs | _digest_shown(top))

@@ -14,7 +14,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ...crowd_lod.progress import constant_progress
+from ...crowd_lod.progress import Work
 from ..blender import mesh_data, removal
 from ..blender.performance import Performance
 from ..characters.bone_motion import NEAR, copy_unlinked
@@ -152,18 +152,20 @@ def make_model(
         return None, reason
     # between keys, for the vertices that each bone moves farthest
     allowed = NEAR * diagonal / 1.1
-    recording = yield from record_closely(actors, performance, allowed)
+    work = Work(1)  # of what is left each part takes about half
+    recording = yield from work.take(record_closely(actors, performance, allowed), 0.5)
     while True:
         model = model_of(name, recording, origin, blocks)
         comparing = _off(model, character, performance, recording.to_compare())
-        *between_keys, at_key = yield from constant_progress(comparing, 0.5)
+        *between_keys, at_key = yield from work.take(comparing, work.left / 2)
         off = max([*between_keys, at_key]) / diagonal
         is_off_at_keys = max(between_keys, default=0.0) < 2 * at_key  # more keys do not mend it
         if off <= NEAR or is_off_at_keys or np.isinf(off):
             break
         # modifiers take vertices farther than bones do
         allowed = min(allowed, recording.off.max()) * NEAR / off / 1.1
-        finer = yield from refine(recording, actors, performance, allowed)
+        refining = refine(recording, actors, performance, allowed)
+        finer = yield from work.take(refining, work.left / 2)
         if len(finer.times) == len(recording.times):
             break
         recording = finer
@@ -209,11 +211,12 @@ def _off(
         for block in (*rigs.values(), *copies.values()):
             character.stage.collection.objects.link(block)
         distances = []
+        work = Work(len(moments))
         for time in moments:
             performance.go_to(character.stage, time)
             distances.append(measure_copies(copies, character.actors, character.stage, origin))
             performance.rest()
-            yield len(distances) / len(moments)
+            yield work.did(1)
         return distances
     finally:
         performance.rest()

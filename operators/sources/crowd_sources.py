@@ -16,7 +16,7 @@ from ...crowd_lod.crowd.state_machine import StateMachine
 from ...crowd_lod.crowd.terrain import Ground, Terrain
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
-from ...crowd_lod.progress import run_in_thread
+from ...crowd_lod.progress import Work, run_in_thread
 from ...crowd_lod.sources.dressed import Dressed
 from ...crowd_lod.sources.recorded import Recorded
 from ...crowd_lod.sources.several import Several
@@ -105,15 +105,17 @@ def read_sources(
     Files of tracks are read as well, which takes long: yields the progress. CrowdError if an object
     has no places or terrain.
     """
+    work = Work(10 * len(crowds))
     for crowd in crowds:
         start_source.read_places(crowd, forward, depsgraph)
         terrain_source.read_terrain(crowd, depsgraph)
-        yield 0.0
-    yield from tracks_source.read_files(crowds, scene_data.frame_rate(crowds[0].id_data))
+        yield work.did(1)
+    reading = tracks_source.read_files(crowds, scene_data.frame_rate(crowds[0].id_data))
+    yield from work.take(reading, 8 * len(crowds))
     for crowd in crowds:
         terrain = terrain_source.terrain_of(crowd, area_of(crowd).z)
         if terrain is not None:
-            yield from run_in_thread(terrain.prepare, lambda: 0.0)
+            yield from work.take(run_in_thread(terrain.prepare), 1)
 
 
 def notes(crowds: Sequence, trajectory: Trajectory) -> Iterator[str]:

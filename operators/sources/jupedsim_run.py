@@ -18,6 +18,7 @@ import numpy as np
 
 from ...crowd_lod.crowd.maps import LabelMap
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.progress import Work
 
 # JuPedSim needs only these to simulate; its wheel also requires Qt and VTK, 1.2 GB, for a viewer.
 PACKAGES = "jupedsim shapely deprecated wrapt"
@@ -29,6 +30,8 @@ SPEED = (1.34, 0.26, 0.7, 2.0)  # meters per second: mean, deviation, least and 
 APART = 0.45
 OFF_WALL = 0.25
 LONGEST_STEP = 0.02  # seconds
+# What finding the site costs, and the places of agents on it, as parts of the simulation
+SITE, PLACES = 0.01, 0.04
 
 
 @dataclass(frozen=True)
@@ -66,12 +69,14 @@ def simulate(request: SimulationRequest, path: Path) -> Generator[float, None, i
     CrowdError if JuPedSim is not installed, or cannot simulate it.
     """
     jupedsim = _module("jupedsim")
+    steps = ceil(1 / (request.rate * LONGEST_STEP))  # of each frame in the file
+    whole = ceil(request.seconds * request.rate) * steps
+    work = Work((SITE + PLACES + 1) * whole)
     ground, starts, targets = _site(request)
-    yield 0.01
+    yield work.did(SITE * whole)
     draws = np.random.default_rng(request.seed)
     places = _places(starts, request.count, draws)
-    yield 0.04
-    steps = ceil(1 / (request.rate * LONGEST_STEP))  # of each frame in the file
+    yield work.did(PLACES * whole)
     writer = jupedsim.SqliteTrajectoryWriter(output_file=path, every_nth_frame=steps)
     try:
         simulation = jupedsim.Simulation(
@@ -82,11 +87,10 @@ def simulate(request: SimulationRequest, path: Path) -> Generator[float, None, i
         )
         writer.begin_writing(numbered)
         writer.write_iteration_state(numbered)
-        whole = ceil(request.seconds * request.rate) * steps
         while simulation.agent_count() and simulation.iteration_count() < whole:
             simulation.iterate()
             writer.write_iteration_state(numbered)
-            yield 0.05 + 0.95 * simulation.iteration_count() / whole
+            yield work.did(1)
         return request.count - simulation.agent_count()
     except (RuntimeError, jupedsim.TrajectoryWriter.Exception) as error:
         reason = str(error).strip().partition("\n")[0].rstrip(".")

@@ -13,7 +13,7 @@ import numpy as np
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
-from ...crowd_lod.progress import Made, sub_progress
+from ...crowd_lod.progress import Made, Work
 from ...crowd_lod.reporting import files
 from ...crowd_lod.sources.points import Snapshot
 from ...crowd_lod.tracks import npz
@@ -37,7 +37,8 @@ SOURCE = (
     "tracks_up",
     "first_frame",
 )
-STEPPED = 0.95  # part of the progress
+WRITTEN = 0.05  # what writing a frame's points costs, as a part of reading them
+RECORDED = 0.3  # part of the time of work on a record that the record takes
 
 
 @dataclass
@@ -105,16 +106,17 @@ def with_record(
     with ExitStack() as stack:
         stack.enter_context(shared_record(scene, frames))
         record = _shared[scene.session_uid]
+        whole = Work(1)
         try:
             if record.holds(about, frames):
                 _follow(crowds, record.settings)
             else:
                 paths = [record.folder / f"{k}.npz" for k in range(len(crowds))]
                 record.frames = [*record.frames, *frames]
-                yield from sub_progress(record_crowds(scene, paths, record.frames), 0.0, 0.3)
+                yield from whole.take(record_crowds(scene, paths, record.frames), RECORDED)
                 record.of = about
                 record.settings = tuple(map(_followed, crowds))
-            return (yield from sub_progress(work(), 0.3, 1.0))
+            return (yield from whole.take(work(), whole.left))
         finally:
             if is_there(scene):
                 _follow(crowds, sources)
@@ -176,8 +178,9 @@ def record_crowds(
     times = range(int(np.floor(since)), int(np.ceil(until)) + 1)
     snapshots: list[list[Snapshot]] = [[] for _ in crowds]
     frames_with_points: list[list[int]] = [[] for _ in crowds]
+    work = Work((1 + WRITTEN) * len(times))
     with frame_stepping.step_frames(scene) as at:
-        for count, time in enumerate(times):
+        for time in times:
             depsgraph = at((), time)
             for crowd, crowd_snapshots, crowd_frames in zip(
                 crowds, snapshots, frames_with_points, strict=True
@@ -186,7 +189,7 @@ def record_crowds(
                 if snapshot is not None:
                     crowd_snapshots.append(snapshot)
                     crowd_frames.append(time)
-            yield STEPPED * (count + 1) / len(times)
+            yield work.did(1)
     with ExitStack() as stack:
         for crowd, crowd_snapshots, crowd_frames, path in zip(
             crowds, snapshots, frames_with_points, paths, strict=True
@@ -201,7 +204,7 @@ def record_crowds(
         crowd.tracks_rate = 0
         crowd.tracks_up = "Z"
         crowd.first_frame = crowd_frames[0]
-    yield 1.0
+    yield work.did(WRITTEN * len(times))
     return [
         len(np.unique(np.concatenate([_ids(snapshot) for snapshot in crowd_snapshots])))
         for crowd_snapshots in snapshots

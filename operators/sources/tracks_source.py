@@ -7,7 +7,7 @@ from pathlib import Path
 from ...crowd_lod.crowd.maps import FARTHEST
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
-from ...crowd_lod.progress import run_in_thread, sub_progress
+from ...crowd_lod.progress import Work, run_in_thread
 from ...crowd_lod.tracks.reading import content_of, read_tracks
 from ...crowd_lod.tracks.tracks import Tracks
 from ..blender import scene_cache, scene_data
@@ -91,7 +91,8 @@ def read_files(crowds: list, usual: float) -> Generator[float, None, None]:
         for crowd in crowds
         if crowd.source == "FILE"
     )
-    for k, (stamp, options) in enumerate(files):
+    work = Work(len(files))
+    for stamp, options in files:
         if _known_tracks(stamp, options) is None:
             progress = [0.0]
 
@@ -100,11 +101,8 @@ def read_files(crowds: list, usual: float) -> Generator[float, None, None]:
             ) -> Tracks:
                 return _read_tracks(stamp, options, progress)
 
-            yield from sub_progress(
-                run_in_thread(read, lambda progress=progress: progress[0]),
-                k / len(files),
-                (k + 1) / len(files),
-            )
+            reading = run_in_thread(read, lambda progress=progress: progress[0])
+            yield from work.take(reading, 1)
 
 
 def _reading_options(crowd, usual: float) -> tuple[str, float, float, str, str, float]:
