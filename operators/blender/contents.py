@@ -102,8 +102,8 @@ class Content(NamedTuple):
     others: tuple[bpy.types.ID, ...]
 
 
-class _Kind(NamedTuple):
-    """What is read of a kind of struct: names of its properties.
+class Kind(NamedTuple):
+    """What is read of a kind of struct: names of its properties. Of settings of ours it is all.
 
     columns: (name, numbers, NumPy type) of a struct of POINTS; () of others.
     """
@@ -117,7 +117,7 @@ class _Kind(NamedTuple):
 
 
 # By identifier: to look through the properties of each bone took a third of a character's digest.
-_kinds: dict[str, _Kind] = {}
+_kinds: dict[str, Kind] = {}
 
 
 def read_content(block: bpy.types.ID) -> Content:
@@ -152,7 +152,7 @@ class _Walk:
         if place in self.inside:
             return
         self.inside.append(place)
-        kind = _kind_of(struct.bl_rna)
+        kind = kind_of(struct.bl_rna)
         moved = self.moved_in(struct)
         self.add(
             identifier,
@@ -192,7 +192,7 @@ class _Walk:
         """Read a collection."""
         self.add(name, len(items))
         first = items[0] if len(items) else None
-        columns = _kind_of(first.bl_rna).columns if first is not None else ()
+        columns = kind_of(first.bl_rna).columns if first is not None else ()
         for column in read_columns(items, columns):
             self.hashed.update(column)
         for item in () if columns else items:
@@ -222,13 +222,14 @@ def _still(name: str, value, moved: set[tuple[str, int]]) -> list:
     return [None if (name, k) in moved else each for k, each in enumerate(values)]
 
 
-def _kind_of(struct: bpy.types.Struct) -> _Kind:
+def kind_of(struct: bpy.types.Struct) -> Kind:
+    """Return what is read of the struct; it is kept."""
     if struct.identifier not in _kinds:
         _kinds[struct.identifier] = _look_through(struct)
     return _kinds[struct.identifier]
 
 
-def _look_through(struct: bpy.types.Struct) -> _Kind:
+def _look_through(struct: bpy.types.Struct) -> Kind:
     bases = {base.identifier for base in _bases(struct)}
     only = next((ONLY[base] for base in bases & ONLY.keys()), ())
     names: dict[str, list[str]] = {
@@ -250,7 +251,7 @@ def _look_through(struct: bpy.types.Struct) -> _Kind:
     is_point = struct.identifier in POINTS or struct.identifier.endswith("AttributeValue")
     if not is_point or any(not number for *_, number in columns):
         columns = []
-    return _Kind(*map(tuple, names.values()), tuple(columns))
+    return Kind(*map(tuple, names.values()), tuple(columns))
 
 
 def _bases(struct: bpy.types.Struct | None) -> Iterator[bpy.types.Struct]:
@@ -262,6 +263,8 @@ def _bases(struct: bpy.types.Struct | None) -> Iterator[bpy.types.Struct]:
 def _is_left_out(setting: bpy.types.Property, bases: set[str]) -> bool:
     """Return whether a property of a struct of these kinds is no content."""
     name = setting.identifier
+    if "PropertyGroup" in bases:
+        return name == "rna_type"
     if name in COUNTED:
         return False
     owns = setting.type in ("POINTER", "COLLECTION")

@@ -6,6 +6,7 @@ the painted map. The image is made at Populate, by a button, and when a mesh is 
 """
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 
 import bpy
 import numpy as np
@@ -19,10 +20,9 @@ from .scene_world import MADE_FOR, area_of, areas_hold, areas_inputs, machine_of
 
 LONGER_SIDE = 256  # cells along the ground's longer side, where no image says how many
 REST = 0.1  # seconds from a change to the new image
-# By scene: True if its meshes have changed; the inputs of its image at the last check; and a
-# sentence on what was wrong when the image was last made.
+# By scene: True if its meshes have changed; and a sentence on what was wrong when the image was
+# last made.
 _due: dict[int, bool] = scene_cache.add_cache({}, by_scene=True)
-_asked: dict[int, tuple] = scene_cache.add_cache({}, by_scene=True)
 _trouble: dict[int, str] = scene_cache.add_cache({}, by_scene=True)
 
 
@@ -144,25 +144,11 @@ def moved_or_edited(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> N
 
 
 def _outdated(scene: bpy.types.Scene) -> bool:
-    """Return whether the areas were laid over another ground, map or state machine.
-
-    Quick while none of them changes.
-    """
+    """Return whether the areas were laid over another ground, map or state machine."""
     settings = scene.crowd_lod
-    inputs = (
-        *settings.center,
-        *settings.size,
-        settings.machine and settings.machine.as_string(),
-        settings.map_image,
-    )
-    before = _asked.get(scene.session_uid)
-    _asked[scene.session_uid] = inputs
-    if before == inputs:
-        return False
-    try:
+    with suppress(CrowdError):  # reported where the map is used
         return not areas_hold(settings, machine_of(settings))
-    except CrowdError:  # reported where the map is used
-        return False
+    return False
 
 
 @handler

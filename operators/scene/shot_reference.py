@@ -35,7 +35,6 @@ from .shot_exceptions import digest_of, exceptions_by_number
 # Plans by path, time of change and size.
 _stored: dict[tuple, StoredPlan] = scene_cache.add_cache({})
 _crowds: WeakKeyDictionary[Trajectory, dict[str, str]] = WeakKeyDictionary()
-_inputs: WeakKeyDictionary[SceneCrowd, dict[str, str]] = WeakKeyDictionary()
 CAMERA = "the camera"
 MESHES = "the LOD meshes"
 OVERRIDES = "the overrides"
@@ -243,16 +242,7 @@ def _not_used(stored: StoredPlan, changed: Sequence[str]) -> str:
 
 
 def plan_inputs(crowd: SceneCrowd) -> dict[str, str]:
-    """Return digests of all that a plan depends on besides cameras, by their names.
-
-    They are read once for each value of the crowd, so once a press or a frame.
-    """
-    if crowd not in _inputs:
-        _inputs[crowd] = _read_inputs(crowd)
-    return _inputs[crowd]
-
-
-def _read_inputs(crowd: SceneCrowd) -> dict[str, str]:
+    """Return digests of all that a plan depends on besides cameras, by their names."""
     bias = crowd.bias
     of_settings = {
         "the choice of LODs": _digest(repr(crowd.policy)),
