@@ -35,6 +35,7 @@ from crowd_lod_extension.operators.characters.stored_groups import store_groups
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.render_setup import (
     bake,
+    buckets,
     cost_estimate,
     frame_update,
     render_setup,
@@ -181,7 +182,7 @@ def counted(top: bpy.types.Collection) -> dict[str, int]:
 
     See crowd_lod/levels/cost_model.py.
     """
-    (points,) = render_setup.points_of(top).values()
+    (points,) = buckets.points_of(top).values()
     shelf = next(child for child in top.children_recursive if child.get(LIBRARY, -1) == 0)
     homes = sorted(shelf.children, key=lambda home: home.name)
     triangles = np.array(
@@ -247,35 +248,35 @@ def dress_scene(scene: bpy.types.Scene, way: str) -> None:
     crowd = read_crowd(scene)
     trajectory = crowd.trajectory
     top = settings.build
-    points = render_setup.points_of(top)
-    rows = {name: [] for name in points}
+    points = buckets.points_of(top)
+    rows = {bucket: [] for bucket in points}
     library = render_setup.library_of(top, trajectory)
     for number in FRAMES:
         scene.frame_set(number)
         frame = frame_of(crowd, moment_now(scene, scene.view_layers[0].depsgraph))
         agents = np.arange(len(frame.crowd))
         crowd_now = frame_update.Held(frame.crowd, frame.time)
-        for name in points:
+        for bucket in points:
             is_used = (
-                name == "LOD 0"
+                bucket == (buckets.Kind.LOD, 0)
                 if way in (EVERYONE, CAMERA_CULL)
-                else way == NODES and name.startswith("LOD")
+                else way == NODES and bucket.is_seen
             )
             if is_used:
-                rows[name].append(
+                rows[bucket].append(
                     bake.columns_in_time(trajectory, crowd_now, number, agents, library)
                 )
     bake.mark(scene, FRAMES)
     render_setup.dress_all(scene)
     settings.build = None
-    for name, item in points.items():
-        if not rows[name]:
+    for bucket, item in points.items():
+        if not rows[bucket]:
             bpy.data.objects.remove(item)  # what it instances would be evaluated, picked or not
             continue
-        columns = rows[name][0].keys()
+        columns = rows[bucket][0].keys()
         mesh_data.write_points(
             item.data,
-            {column: np.concatenate([each[column] for each in rows[name]]) for column in columns},
+            {column: np.concatenate([each[column] for each in rows[bucket]]) for column in columns},
         )
         if way == NODES:
             _cull(item, trajectory.groups, frame)
@@ -315,7 +316,7 @@ def _cull(points: bpy.types.Object, groups: tuple[Group, ...], frame) -> None:
     equal.operation = "EQUAL"
     lod.inputs["Name"].default_value = "lod"
     lod_input, level_input = (socket for socket in equal.inputs if socket.enabled)
-    level_input.default_value = points[render_setup.LEVEL]
+    level_input.default_value = points[buckets.LEVEL]
     for output, socket in (
         (next(s for s in lod.outputs if s.enabled), lod_input),
         (equal.outputs[0], keep.inputs["Selection"]),

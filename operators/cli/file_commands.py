@@ -17,6 +17,7 @@ from ...crowd_lod.reporting import files, tables
 from ..blender import console, frame_stepping
 from ..blender.output_folders import output_file
 from ..render_setup import bake, render_setup, view_layers
+from ..render_setup.buckets import points_of
 from ..render_setup.buttons import check_blur, prepared
 from ..render_setup.character_images import IMAGE_BYTES
 from ..render_setup.cost_estimate import Estimate, estimate
@@ -128,8 +129,8 @@ def build(args) -> dict:
         if args.view_layer:
             view_layers.show_in(scene, args.view_layer)
         points = {
-            name: len(item.data.vertices)
-            for name, item in render_setup.points_of(scene.crowd_lod.build).items()
+            bucket.name: len(item.data.vertices)
+            for bucket, item in points_of(scene.crowd_lod.build).items()
         }
         images = int(scene.crowd_lod.build[IMAGE_BYTES])
         verdict = plan_verdict(scene.crowd_lod, cast.unplanned) if args.bake else ""

@@ -7,13 +7,14 @@ import time as clock
 import traceback
 import zlib
 from collections.abc import Generator, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 
 import bpy
 import numpy as np
 
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.progress import Work
 from ..blender import scene_cache
 from ..blender.guard import guard
 from ..blender.image_data import LOOK_AGAIN
@@ -36,7 +37,7 @@ class Casting:
     looked: time in seconds when key and painted were last compared.
     characters: those baked so far.
     baking: the generator that bakes the next character, or None.
-    progress: 0 to 1.
+    work: on all characters; progress: of it, 0 to 1.
     ready: whether baking has ended, also after an error.
     notes: sentences for the user.
     """
@@ -46,6 +47,7 @@ class Casting:
     looked: float
     characters: tuple[Character, ...] = ()
     baking: Generator[float, None, Character] | None = None
+    work: Work = field(default_factory=Work)
     progress: float = 0.0
     ready: bool = False
     notes: tuple[str, ...] = ()
@@ -145,13 +147,15 @@ def _bake_on(scene: bpy.types.Scene, casting: Casting) -> None:
     name = home.get(GROUP) or (groups[number].name if number < len(groups) else home.name)
     try:
         find = partial(_homes, scene.session_uid, number)
-        casting.baking = casting.baking or bake_character(name, find, actions_named(scene, name))
-        casting.progress = (number + next(casting.baking)) / of
+        if casting.baking is None:
+            casting.work.announce(of - number)
+            baking = bake_character(name, find, actions_named(scene, name))
+            casting.baking = casting.work.take(baking, 1)
+        casting.progress = next(casting.baking)
     except StopIteration as end:
         casting.characters += (end.value,)
         casting.notes += (end.value.note,) if end.value.note else ()
         casting.baking = None
-        casting.progress = (number + 1) / of
         casting.ready = number + 1 == of
     except (
         CrowdError

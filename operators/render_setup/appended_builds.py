@@ -3,8 +3,9 @@
 import bpy
 
 from ..blender.sidebar_answers import hold
+from .buckets import LEVEL
 from .nodes import instances, trees
-from .render_setup import BAKED, LEVEL, MADE_FROM
+from .render_setup import BAKED, MADE_FROM
 
 # Custom property of scenes that a run of ours draws: it moves their build itself.
 STAGE = "crowd_lod_stage"

@@ -28,7 +28,8 @@ from ..scene.frame_plan import frame_of
 from ..scene.scene_crowd import SceneCrowd, read_crowd
 from ..sources.record_points import on_record
 from .baked_actions import trim_actions
-from .frame_update import Held, columns_of, held_by, members, opening
+from .buckets import Bucket, buckets_of, members, points_of
+from .frame_update import Held, columns_of, held_by, opening
 from .group_models import read_library
 from .hidden_characters import HIDDEN, shows_characters
 from .phase_characters import Cast, make_cast
@@ -36,11 +37,9 @@ from .render_setup import (
     BAKED,
     CAMERAS,
     LIGHTS,
-    buckets_of,
     check_scene,
     dress_all,
     install,
-    points_of,
 )
 
 _Columns = dict[str, np.ndarray]  # point attributes by name
@@ -99,12 +98,12 @@ def _check_shutter(scene: bpy.types.Scene) -> None:
 class _Moments:
     """What a bake stores of its frames.
 
-    rows: by a bucket's name, the point attributes of each frame, by name.
+    rows: by bucket, the point attributes of each frame, by name.
     cameras, lights: by frame, their digests.
     unplanned: (frame, why the shot plan does not hold there, or "").
     """
 
-    rows: dict[str, list[_Columns]]
+    rows: dict[Bucket, list[_Columns]]
     cameras: dict[int, str] = field(default_factory=dict)
     lights: dict[int, str] = field(default_factory=dict)
     unplanned: list[tuple[int, str]] = field(default_factory=list)
@@ -114,8 +113,8 @@ def _write(top: bpy.types.Collection, moments: _Moments) -> None:
     """Write the points of all frames to the build `top`, and empty the rows of `moments`."""
     top[CAMERAS] = json.dumps(moments.cameras)
     top[LIGHTS] = json.dumps(moments.lights)
-    for name, points in points_of(top).items():
-        rows = moments.rows[name]
+    for bucket, points in points_of(top).items():
+        rows = moments.rows[bucket]
         columns = {key: np.concatenate([row[key] for row in rows]) for key in rows[0]}
         mesh_data.write_points(points.data, columns)
         rows.clear()  # a long bake fills the memory
@@ -180,17 +179,17 @@ def _used(characters: bpy.types.Collection) -> str:
     return f"{' and '.join(names[:3])} use{'s' * (len(names) == 1)} them" if names else ""
 
 
-def _select_characters(rows: dict[str, list[_Columns]], count: int) -> list[np.ndarray]:
+def _select_characters(rows: dict[Bucket, list[_Columns]], count: int) -> list[np.ndarray]:
     """Return the characters that `rows` show, for each of `count` LODs (k,) intp, increasing.
 
     Changes `rows`: they then name characters by their place among these.
     """
     selection = [np.empty(0, np.intp)] * count
     for bucket in buckets_of(count):
-        poses = np.concatenate([columns["pose"] for columns in rows[bucket.name]])
+        poses = np.concatenate([columns["pose"] for columns in rows[bucket]])
         selection[bucket.level] = np.union1d(selection[bucket.level], poses).astype(np.intp)
     for bucket in buckets_of(count):
-        for columns in rows[bucket.name]:
+        for columns in rows[bucket]:
             places = np.searchsorted(selection[bucket.level], columns["pose"])
             columns["pose"] = places.astype(np.int32)
     return selection
@@ -205,7 +204,7 @@ def _compute(
     """
     scene = crowd.scene
     trajectory = crowd.trajectory
-    moments = _Moments({bucket.name: [] for bucket in buckets_of(crowd.policy.count)})
+    moments = _Moments({bucket: [] for bucket in buckets_of(crowd.policy.count)})
     points = dict.fromkeys(moments.rows, 0)
     work = Work(10 * len(frames))
     with frame_stepping.step_frames(scene) as at:
@@ -215,10 +214,10 @@ def _compute(
             frame = yield from work.take(_plan(crowd, number, at, moments))
             moments.unplanned.append(note_of(number, frame.unplanned, strict))
             shutter = held_by(crowd, number, frame.crowd)
-            for name, agents in members(frame).items():
+            for bucket, agents in members(frame).items():
                 columns = columns_in_time(trajectory, shutter, number, agents, library)
-                moments.rows[name].append(columns)
-                points[name] += len(agents)
+                moments.rows[bucket].append(columns)
+                points[bucket] += len(agents)
             if max(points.values()) > MOST_POINTS:
                 raise CrowdError(
                     f"The frames {frames[0]} to {number} hold over {MOST_POINTS:,} points of "

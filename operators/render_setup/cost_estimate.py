@@ -39,8 +39,8 @@ from ..scene.scene_crowd import SceneCrowd, home_of, policy_of, read_crowd
 from ..scene.scene_occluders import STAGE
 from ..scene.shot_reference import use_of
 from ..sources.record_points import on_record
+from .buckets import members
 from .character_images import image_bytes, images_of, uses_cache
-from .frame_update import members
 from .phase_characters import meshes_of_plan
 from .render_setup import check_levels
 
@@ -316,11 +316,11 @@ def _count_shown(frame: Frame, crowd: SceneCrowd, count: int) -> np.ndarray:
     trajectory = crowd.trajectory
     size = int(crowd.library.first(trajectory.gaits)[-1])
     counts = np.zeros((count, size), np.int64)
-    for name, agents in members(frame).items():
+    for bucket, agents in members(frame).items():
         if len(agents):
             seconds = trajectory.seconds(frame.time)
             numbers = crowd.library.character_of(trajectory.gaits, frame.crowd, seconds, agents)
-            counts[int(name.rpartition(" ")[2])] += np.bincount(numbers, minlength=size)
+            counts[bucket.level] += np.bincount(numbers, minlength=size)
     return counts
 
 

@@ -26,27 +26,8 @@ from ..scene.frame_plan import SceneMoment, frame_of
 from ..scene.scene_crowd import SceneCrowd, read_crowd
 from ..sources.crowd_sources import crowds_of, is_live, live
 from .appended_builds import standing_still
-from .render_setup import (
-    LEVEL,
-    MADE_FROM,
-    UNSEEN_BY,
-    buckets_of,
-    check_levels,
-    library_of,
-    made_from,
-    points_of,
-)
-
-
-def members(frame: Frame) -> dict[str, np.ndarray]:
-    """Return the agents (m,) intp of each bucket of the frame, by the bucket's name."""
-    kinds = zip(UNSEEN_BY, (frame.buckets, frame.shadow, frame.mirrored), strict=True)
-    nobody = np.empty(0, np.intp)
-    return {
-        f"{name} {k}": nobody if buckets is None else buckets[k]
-        for name, buckets in kinds
-        for k in range(len(frame.buckets.counts))
-    }
+from .buckets import buckets_of, members, points_in, points_of
+from .render_setup import MADE_FROM, check_levels, library_of, made_from
 
 
 @dataclass(frozen=True)
@@ -166,11 +147,10 @@ def write(
     have removed those of the unseen agents.
     """
     points = points_of(top)
-    written_agents = {name: agents for name, agents in members(frame).items() if name in points}
     written_agents = {
-        name: agents
-        for name, agents in written_agents.items()
-        if len(agents) or not _empty(points[name].data)
+        bucket: agents
+        for bucket, agents in members(frame).items()
+        if bucket in points and (len(agents) or not _empty(points[bucket].data))
     }
     library = library_of(top, trajectory)
     if not written_agents:
@@ -178,8 +158,8 @@ def write(
     columns_of_buckets = columns_by_bucket(
         trajectory, crowd, shown_crowd, list(written_agents.values()), library
     )
-    for name, columns in zip(written_agents, columns_of_buckets, strict=True):
-        mesh_data.write_points(points[name].data, columns)
+    for bucket, columns in zip(written_agents, columns_of_buckets, strict=True):
+        mesh_data.write_points(points[bucket].data, columns)
 
 
 def _empty(mesh: bpy.types.Mesh) -> bool:
@@ -189,10 +169,9 @@ def _empty(mesh: bpy.types.Mesh) -> bool:
 
 def empty(top: bpy.types.Collection) -> None:
     """Remove all points from the build `top`, even if our data in it is spoilt."""
-    for points in top.objects:
-        if LEVEL in points and points.type == "MESH":
-            points.data.clear_geometry()
-            points.data.update_tag()
+    for points in points_in(top):
+        points.data.clear_geometry()
+        points.data.update_tag()
 
 
 @dataclass(frozen=True)
@@ -368,7 +347,7 @@ def _check_build(crowd: SceneCrowd) -> None:
     """Raise CrowdError if the build cannot show the LODs that the scene has now."""
     scene = crowd.scene
     top = crowd.settings.build
-    needed = {bucket.name for bucket in buckets_of(crowd.policy.count) if not bucket.unseen_by}
+    needed = {bucket for bucket in buckets_of(crowd.policy.count) if bucket.is_seen}
     if needed - points_of(top).keys():
         raise CrowdError(
             f"The build of {scene.name} lacks LODs that its settings ask for: press Build again."

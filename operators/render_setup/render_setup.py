@@ -5,7 +5,6 @@ Geometry nodes put the instances on the points.
 
 from collections.abc import Generator, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 
 import bpy
 import numpy as np
@@ -24,16 +23,13 @@ from ..freshness.bake_frames import BAKED, CAMERAS, LIGHTS, is_bake
 from ..lod_meshes.make_lods import TINTS
 from ..scene.scene_crowd import SceneCrowd, home_of
 from . import played_by
+from .buckets import KIND, LEVEL, Bucket, buckets_of, points_of
 from .change_detection import named_by, shown_by
 from .character_images import IMAGE_BYTES, describe_images, image_bytes, images_of
 from .hidden_characters import unhide_characters
 from .nodes import baked, instances, trees
 from .phase_characters import Cast, Selection, make_cast, meshes_of_plan
-from .shelves import REMEDY, fill_shelves, level_of, shelves_of
-
-# Custom properties of a point object.
-LEVEL = "crowd_lod_level"  # the LOD that it shows
-BUCKET = "crowd_lod_bucket"  # its bucket's name
+from .shelves import REMEDY, fill_shelves, shelves_of
 
 # Custom properties of the build's collection.
 MADE_FROM = "crowd_lod_made_from"  # see made_from
@@ -42,8 +38,6 @@ PLAYED = "crowd_lod_played"  # see played_by.numbers
 ACTIONS = "crowd_lod_actions"  # see played_by.actions
 MADE_OF = "crowd_lod_made_of"  # see _inputs_of_characters
 NOTES = "crowd_lod_notes"  # sentences on what the build does not show
-
-UNSEEN_BY = {"LOD": (), "Shadow": ("camera",), "Mirror": ("camera",)}  # kinds of buckets
 
 
 def library_of(top: bpy.types.Collection, trajectory: Trajectory) -> Library:
@@ -59,33 +53,6 @@ def library_of(top: bpy.types.Collection, trajectory: Trajectory) -> Library:
         )
     groups = len(trajectory.gaits.rates)
     return Library(np.array(stored_values.read(top, POSED, int, REMEDY, (groups,), (0, np.inf))))
-
-
-@dataclass(frozen=True)
-class Bucket:
-    """A point object of the build.
-
-    name: unique in the build.
-    level: the LOD that it shows.
-    unseen_by: the rays that do not see it, of camera, shadow, diffuse, glossy, transmission and
-        volume_scatter (Object.visible_...).
-    """
-
-    name: str
-    level: int
-    unseen_by: tuple[str, ...] = ()
-
-
-def buckets_of(count: int) -> list[Bucket]:
-    """Return the buckets that a build of so many LODs has.
-
-    One per LOD for the agents that the camera sees, and one per LOD for those of which it sees only
-    the shadow or only the reflection. The latter are hidden from camera rays and from no others:
-    Cycles also counts what a surface scatters toward a lamp as the lamp's light.
-    """
-    return [
-        Bucket(f"{name} {k}", k, hidden) for name, hidden in UNSEEN_BY.items() for k in range(count)
-    ]
 
 
 def check_levels(crowd: SceneCrowd) -> None:
@@ -245,9 +212,9 @@ def _fit_points(top: bpy.types.Collection, count: int) -> None:
     """
     surplus = points_of(top)
     for bucket in buckets_of(count):
-        points = surplus.pop(bucket.name, None) or _points(top, bucket)
+        points = surplus.pop(bucket, None) or _points(top, bucket)
         points[LEVEL] = bucket.level
-        points[BUCKET] = bucket.name
+        points[KIND] = bucket.kind.value
     removal.remove([block for points in surplus.values() for block in (points, points.data)])
 
 
@@ -307,8 +274,7 @@ def _points(top: bpy.types.Collection, bucket: Bucket) -> bpy.types.Object:
     mesh[OWNED] = points[OWNED] = True
     # instances are drawn in the object color of their instancer
     points.color = (*TINTS[bucket.level], 1.0)
-    for ray in bucket.unseen_by:
-        setattr(points, f"visible_{ray}", False)  # their instances, too
+    points.visible_camera = bucket.is_seen  # its instances, too
     top.objects.link(points)
     return points
 
@@ -324,8 +290,8 @@ def dress_all(scene: bpy.types.Scene) -> None:
     else:
         tree = instances.instances()
     shelves = shelves_of(top)
-    for points in points_of(top).values():
-        level = level_of(points, LEVEL)
+    for bucket, points in points_of(top).items():
+        level = bucket.level
         if level not in shelves:
             continue
         modifier = _modifier_of(points)
@@ -373,16 +339,6 @@ def upgrade(*_) -> None:
             with suppress(CrowdError):
                 if scene.crowd_lod.build is not None:
                     dress_all(scene)
-
-
-def points_of(top: bpy.types.Collection) -> dict[str, bpy.types.Object]:
-    """Return the point objects of the build `top` by bucket name."""
-    points = {}
-    for item in top.objects:
-        if LEVEL in item and item.type == "MESH":
-            level_of(item, LEVEL)  # CrowdError if it is spoilt
-            points[stored_values.read(item, BUCKET, str, REMEDY)] = item
-    return points
 
 
 def check_build(scene: bpy.types.Scene) -> None:

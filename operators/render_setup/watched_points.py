@@ -8,7 +8,7 @@ import bpy
 from ..blender import scene_data
 from ..freshness.bake_frames import is_bake
 from ..sources.crowd_sources import crowds_of, is_live
-from .render_setup import points_of
+from .buckets import points_of
 
 WATCHED = "crowd_lod_watched"  # custom property of the node group
 INPUT = "Object"

@@ -20,6 +20,7 @@ from ...crowd_lod.validation.render_proof import agents_row
 from ..blender import frame_stepping, mesh_data, scene_data
 from ..characters.cast_provenance import reading
 from ..render_setup import bake, frame_update, render_setup
+from ..render_setup.buckets import Bucket, Kind, points_of
 from ..scene import lights
 from ..scene.frame_plan import frame_of
 from ..scene.scene_crowd import SceneCrowd
@@ -37,6 +38,7 @@ from .verify_pictures import (
 )
 from .verify_stage import Verify, add_twins, dark_world, light_by
 
+FULL = Bucket(Kind.LOD, 0)  # of the build at full detail
 CROPS = 0.4  # of a frame's time
 
 
@@ -119,9 +121,9 @@ class Proof:
         row = {
             "frame": number,
             "agents": len(planned.crowd),
-            "visible": len(agents_of["LOD"]),
-            "shadow": len(agents_of["Shadow"]),
-            "mirrored": len(agents_of["Mirror"]),
+            "visible": len(agents_of[Kind.LOD]),
+            "shadow": len(agents_of[Kind.SHADOW]),
+            "mirrored": len(agents_of[Kind.MIRROR]),
             "strangers": strangers,
         }
         differences = yield from sub_progress(
@@ -158,8 +160,8 @@ class Proof:
         number: int,
         planned: Frame,
         poses: frame_update.Held,
-        rows: dict[str, Columns],
-        agents_of: dict[str, np.ndarray],
+        rows: dict[Bucket, Columns],
+        agents_of: dict[Kind, np.ndarray],
     ) -> Generator[float, None, dict[str, Any]]:
         """Render the whole pictures of a frame, and compare them with the first.
 
@@ -172,9 +174,9 @@ class Proof:
         bounces = self.task.bounces
         row = {}
         members = {
-            "a": {"LOD 0": everyone_there(planned)},
-            "b": {f"{kind} 0": agents for kind, agents in agents_of.items()},
-            "bare": {"LOD 0": agents_of["LOD"]},
+            "a": {FULL: everyone_there(planned)},
+            "b": {Bucket(kind, 0): agents for kind, agents in agents_of.items()},
+            "bare": {FULL: agents_of[Kind.LOD]},
         }
         worlds = scene.world, dark_world(scene.world)
         for times, count in enumerate((0, bounces)[: 1 + (bounces > 0)]):
@@ -209,20 +211,20 @@ class Proof:
         scene.world = worlds[0]
         return row
 
-    def _write(self, rows: dict[str, Columns]) -> None:
+    def _write(self, rows: dict[Bucket, Columns]) -> None:
         """Write the points of each bucket to the build at full detail."""
-        for name, points in render_setup.points_of(self.full).items():
-            mesh_data.write_points(points.data, rows[name])
+        for bucket, points in points_of(self.full).items():
+            mesh_data.write_points(points.data, rows[bucket])
 
     def _choose(
-        self, number: int, planned: Frame, poses: frame_update.Held, rows: dict[str, Columns]
+        self, number: int, planned: Frame, poses: frame_update.Held, rows: dict[Bucket, Columns]
     ) -> tuple[list[JudgedAgent], list[tuple[Shown, Shown]]]:
         """Return the agents that are judged alone, and each at full detail and as built."""
         trajectory = planned.trajectory
         agents_of = {
-            name: columns
-            for name, columns in rows.items()
-            if name.startswith("LOD ") and len(columns["id"])
+            bucket: columns
+            for bucket, columns in rows.items()
+            if bucket.is_seen and len(columns["id"])
         }
         agents = np.concatenate(
             [np.empty(0, np.intp), *map(frame_update.indices_in, agents_of.values())]
@@ -231,8 +233,8 @@ class Proof:
             [
                 np.empty(0, np.intp),
                 *(
-                    np.full(len(columns["id"]), int(name.removeprefix("LOD ")))
-                    for name, columns in agents_of.items()
+                    np.full(len(columns["id"]), bucket.level)
+                    for bucket, columns in agents_of.items()
                 ),
             ]
         )
@@ -241,19 +243,19 @@ class Proof:
         judged_agents = choose_agents(
             planned, agents[is_agent], levels[is_agent], tolerance, number, self.task.agents
         )
-        lod_points = render_setup.points_of(self.proved.top)
-        full = render_setup.points_of(self.full)["LOD 0"]
+        lod_points = points_of(self.proved.top)
+        full = points_of(self.full)[FULL]
         pairs = []
         for judged in judged_agents:
             alone = columns_of_members(
-                self.full, trajectory, {"LOD 0": np.array([judged.agent])}, poses, number
-            )["LOD 0"]
-            name = f"LOD {judged.level}"
+                self.full, trajectory, {FULL: np.array([judged.agent])}, poses, number
+            )[FULL]
+            bucket = Bucket(Kind.LOD, judged.level)
             row = {
-                key: values[frame_update.indices_in(rows[name]) == judged.agent][:1]
-                for key, values in rows[name].items()
+                key: values[frame_update.indices_in(rows[bucket]) == judged.agent][:1]
+                for key, values in rows[bucket].items()
             }
-            pairs.append((Shown(full, alone), Shown(lod_points[name], row)))
+            pairs.append((Shown(full, alone), Shown(lod_points[bucket], row)))
         return judged_agents, pairs
 
 

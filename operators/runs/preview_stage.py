@@ -15,6 +15,7 @@ from ..overlay.agent_colors import by_error
 from ..overlay.playblast import caption_size
 from ..render_setup import frame_update, render_setup, view_layers
 from ..render_setup.appended_builds import STAGE
+from ..render_setup.buckets import LEVEL, points_of
 from ..render_setup.hidden_characters import shows_characters
 from ..scene.scene_crowd import SceneCrowd
 
@@ -190,8 +191,8 @@ class Rendered:
         removal.remove([*self.tinted_points, *meshes])
         self.tinted_points = []
         colors = by_error(frame)
-        for name, points in render_setup.points_of(self.built).items():
-            if not name.startswith("LOD "):
+        for bucket, points in points_of(self.built).items():
+            if not bucket.is_seen:
                 continue
             points.hide_render = True
             rows = mesh_data.read_points(points.data)
@@ -202,7 +203,7 @@ class Rendered:
             )
             for tint in np.unique(tints):
                 item = points.copy()
-                del item[render_setup.LEVEL]
+                del item[LEVEL]
                 item.data = bpy.data.meshes.new(item.name)
                 item.color = colors.palette[tint]
                 item.hide_render = False

@@ -23,7 +23,7 @@ from ..freshness.bake_frames import (
 )
 from ..freshness.parts import RANGE
 from ..render_setup import bake, frame_update, render_setup
-from ..render_setup.render_setup import UNSEEN_BY
+from ..render_setup.buckets import Bucket, Kind, members, points_of
 from ..render_setup.view_layers import layers_of
 from ..scene.frame_plan import SceneMoment
 
@@ -52,29 +52,27 @@ class ProvedBuild:
 
     def rows(
         self, trajectory: Trajectory, planned: Frame, poses: frame_update.Held, number: int
-    ) -> dict[str, Columns]:
-        """Return the points that each bucket shows in the frame `number`, by the bucket's name.
+    ) -> dict[Bucket, Columns]:
+        """Return the points that each bucket shows in the frame `number`.
 
         A live build gets the points that renders of that frame give it.
 
         planned, poses: of the frame.
         """
         if self.kind == MADE:
-            return columns_of_members(
-                self.top, trajectory, frame_update.members(planned), poses, number
-            )
+            return columns_of_members(self.top, trajectory, members(planned), poses, number)
         if self.kind == LIVE:
             frame_update.write(self.top, trajectory, planned, poses, planned.crowd)
         rows = {
-            name: mesh_data.read_points(points.data)
-            for name, points in render_setup.points_of(self.top).items()
+            bucket: mesh_data.read_points(points.data)
+            for bucket, points in points_of(self.top).items()
         }
-        rows = {name: columns for name, columns in rows.items() if "id" in columns}
+        rows = {bucket: columns for bucket, columns in rows.items() if "id" in columns}
         if self.kind == LIVE:
             return rows
         return {
-            name: {key: values[columns["frame"] == number] for key, values in columns.items()}
-            for name, columns in rows.items()
+            bucket: {key: values[columns["frame"] == number] for key, values in columns.items()}
+            for bucket, columns in rows.items()
         }
 
     def older_than(self, number: int, moment: SceneMoment) -> list[str]:
@@ -90,17 +88,20 @@ class ProvedBuild:
 def columns_of_members(
     top: bpy.types.Collection,
     trajectory: Trajectory,
-    members: Mapping[str, np.ndarray],
+    shown: Mapping[Bucket, np.ndarray],
     poses: frame_update.Held,
     number: int,
-) -> dict[str, Columns]:
-    """Return the attributes of each bucket's points in a build that shows `members` (m,) intp."""
-    points = render_setup.points_of(top)
+) -> dict[Bucket, Columns]:
+    """Return the attributes of each bucket's points in a build.
+
+    shown: the agents (m,) intp that a bucket shows.
+    """
+    points = points_of(top)
     nobody = np.empty(0, np.intp)
     library = render_setup.library_of(top, trajectory)
     return {
-        name: bake.columns_in_time(trajectory, poses, number, members.get(name, nobody), library)
-        for name in points
+        bucket: bake.columns_in_time(trajectory, poses, number, shown.get(bucket, nobody), library)
+        for bucket in points
     }
 
 
@@ -147,7 +148,7 @@ def frames_to_verify(scene: bpy.types.Scene, frames: Sequence[int]) -> list[int]
     return [number for number in frames if number in baked] or sorted(baked) or list(frames)
 
 
-def seen_by_kind(rows: Mapping[str, Columns], count: int) -> tuple[dict[str, np.ndarray], int]:
+def seen_by_kind(rows: Mapping[Bucket, Columns], count: int) -> tuple[dict[Kind, np.ndarray], int]:
     """Return (the agents of each kind of bucket, (m,) intp, increasing; how many points are no
     agents).
 
@@ -155,11 +156,11 @@ def seen_by_kind(rows: Mapping[str, Columns], count: int) -> tuple[dict[str, np.
     """
     agents_of = {}
     strangers = 0
-    for kind in UNSEEN_BY:
+    for kind in Kind:
         agents = [
             frame_update.indices_in(columns)
-            for name, columns in rows.items()
-            if name.startswith(f"{kind} ")
+            for bucket, columns in rows.items()
+            if bucket.kind is kind
         ]
         every = np.concatenate([np.empty(0, np.int32), *agents])
         known = every[(every >= 0) & (every < count)]

@@ -10,7 +10,8 @@ import bpy
 from ...crowd_lod.validation.judged_agents import JUDGED
 from ..blender.ownership import OWNED
 from ..blender.removal import is_there
-from ..render_setup import bake, render_setup
+from ..render_setup import bake
+from ..render_setup.buckets import points_of
 from ..render_setup.hidden_characters import hides_characters
 from .preview_stage import SIZE, Preview, set_up
 
@@ -133,7 +134,7 @@ def add_twins(stage: bpy.types.Scene, top: bpy.types.Collection) -> None:
     Cycles rounds a mesh differently if it has one instance than if it has more. With the twins
     every mesh has more, however many agents show it.
     """
-    for points in render_setup.points_of(top).values():
+    for points in points_of(top).values():
         tree = bpy.data.node_groups.new("Crowd LOD twin", "GeometryNodeTree")
         tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
         info = tree.nodes.new("GeometryNodeObjectInfo")

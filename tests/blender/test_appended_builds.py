@@ -6,7 +6,7 @@ import bpy
 import pytest
 from crowd_lod_extension.operators.render_setup.appended_builds import standing_still
 from crowd_lod_extension.operators.render_setup.bake import bake
-from crowd_lod_extension.operators.render_setup.render_setup import points_of
+from crowd_lod_extension.operators.render_setup.buckets import points_of
 from crowd_lod_extension.operators.ui import steps
 
 

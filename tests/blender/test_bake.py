@@ -11,7 +11,7 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.render_setup import render_setup
+from crowd_lod_extension.operators.render_setup import buckets, render_setup
 from crowd_lod_extension.operators.render_setup.bake import bake, keep_what_renders
 from crowd_lod_extension.operators.render_setup.hidden_characters import HIDDEN
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
@@ -143,7 +143,7 @@ def test_the_command_bakes_a_file_and_says_its_size(levelled, tmp_path, capfd):
     top = bpy.context.scene.crowd_lod.build
     assert list(top[render_setup.BAKED])[2:] == [9, 11]
     assert result["points"] == {
-        name: len(item.data.vertices) for name, item in render_setup.points_of(top).items()
+        bucket.name: len(item.data.vertices) for bucket, item in buckets.points_of(top).items()
     }
     assert commands.run_command(words, "crowd-lod") == 0
     assert json.loads(capfd.readouterr().out.splitlines()[-1])["frames"] is None

@@ -14,7 +14,7 @@ from crowd_lod_extension.operators.blender import collection_caches, scene_data
 from crowd_lod_extension.operators.characters.group_measuring import measure_groups
 from crowd_lod_extension.operators.characters.stored_groups import groups_of, store_groups
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.render_setup import render_setup, view_layers
+from crowd_lod_extension.operators.render_setup import buckets, render_setup, view_layers
 from crowd_lod_extension.operators.render_setup.bake import bake
 from crowd_lod_extension.operators.render_setup.buttons import prepared
 from crowd_lod_extension.operators.render_setup.nodes import trees
@@ -43,7 +43,7 @@ def counts():
 def points(top):
     return {
         name: [vertex.co[:] for vertex in item.data.vertices]
-        for name, item in render_setup.points_of(top).items()
+        for name, item in buckets.points_of(top).items()
     }
 
 
@@ -90,7 +90,7 @@ def test_what_undo_loses_of_a_build_is_put_back_and_nothing_else(built):
 
 def test_a_second_build_keeps_names_pointers_and_the_users_own_edits(built):
     top = built.crowd_lod.build
-    first = render_setup.points_of(top)["LOD 1"]
+    first = buckets.points_of(top)["LOD", 1]
     first.name = "my points"
     first.color = (0.1, 0.2, 0.3, 1)
     later = first.modifiers.new("mine", "NODES")
@@ -108,14 +108,14 @@ def test_a_second_build_keeps_names_pointers_and_the_users_own_edits(built):
     layer.holdout = True
     kinds = "objects", "meshes", "armatures", "actions", "collections", "node_groups"
     names = {block.name for kind in kinds for block in getattr(bpy.data, kind)}
-    items = render_setup.points_of(top)
+    items = buckets.points_of(top)
     shown = points(top)
     before = counts()
     looks = visible()
     ours = first.modifiers[0]
     list(render_setup.build(read_crowd(built)))
     built.frame_set(1)
-    assert built.crowd_lod.build == top and render_setup.points_of(top) == items
+    assert built.crowd_lod.build == top and buckets.points_of(top) == items
     assert names == {block.name for kind in kinds for block in getattr(bpy.data, kind)}
     assert points(top) == shown and counts() == before
     assert [modifier.name for modifier in first.modifiers] == [
@@ -192,8 +192,8 @@ def test_a_level_more_or_less_adds_or_takes_its_points_and_poses(built):
         list(make_levels(built))
         list(render_setup.build(read_crowd(built)))
         built.frame_set(2)
-        kinds = [f"{name} {k}" for name in render_setup.UNSEEN_BY for k in range(number)]
-        assert sorted(render_setup.points_of(built.crowd_lod.build)) == sorted(kinds)
+        shown = {(kind, level) for kind in buckets.Kind for level in range(number)}
+        assert buckets.points_of(built.crowd_lod.build).keys() == shown
         assert len(visible())
     assert counts() == whole
 
@@ -249,7 +249,7 @@ def test_two_scenes_have_builds_of_their_own(built):
     tops = built.crowd_lod.build, other.crowd_lod.build
     assert tops[0] != tops[1] and not set(tops[0].all_objects) & set(tops[1].all_objects)
     other.frame_set(5)
-    assert sum(len(item.data.vertices) for item in render_setup.points_of(tops[1]).values())
+    assert sum(len(item.data.vertices) for item in buckets.points_of(tops[1]).values())
     render_setup.remove_build(other.crowd_lod)
     built.frame_set(5)
     assert len(visible()) and scene_data.time_of(built) == 5
@@ -361,19 +361,24 @@ def test_what_is_missing_is_said_before_anything_is_made(scene):
 
 SPOILT = {
     "a LOD as a text": (
-        lambda top: render_setup.points_of(top)["LOD 1"],
-        render_setup.LEVEL,
+        lambda top: buckets.points_of(top)["LOD", 1],
+        buckets.LEVEL,
         "one",
     ),
     "a LOD that there is not": (
-        lambda top: render_setup.points_of(top)["LOD 1"],
-        render_setup.LEVEL,
+        lambda top: buckets.points_of(top)["LOD", 1],
+        buckets.LEVEL,
         10**9,
     ),
     "a bucket as numbers": (
-        lambda top: render_setup.points_of(top)["Shadow 0"],
-        render_setup.BUCKET,
+        lambda top: buckets.points_of(top)["Shadow", 0],
+        buckets.KIND,
         [1, 2],
+    ),
+    "a bucket of no kind": (
+        lambda top: buckets.points_of(top)["Shadow", 0],
+        buckets.KIND,
+        "Light",
     ),
     "poses as a text": (lambda top: top, render_setup.POSED, "x"),
     "too few poses": (lambda top: top, render_setup.POSED, [8]),
@@ -396,7 +401,7 @@ def test_what_is_spoilt_in_a_build_is_named_and_nothing_is_left_behind(built, ca
         if key == render_setup.POSED:  # these are written anew
             assert f'"{key}" of {block.name} is ' in told and told.count("\n") == 1
             assert (
-                len(render_setup.points_of(built.crowd_lod.build)["LOD 1"].data.vertices) == 0
+                len(buckets.points_of(built.crowd_lod.build)["LOD", 1].data.vertices) == 0
             )  # not another frame's
             break
         built.frame_end = 2
@@ -440,5 +445,5 @@ def test_a_linked_build_stays_its_file_s_and_another_is_made(built, tmp_path):
     assert (
         built.crowd_lod.build != linked
         and built.crowd_lod.build.library is None
-        and len(render_setup.points_of(linked)) == 9
+        and len(buckets.points_of(linked)) == 9
     )

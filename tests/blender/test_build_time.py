@@ -10,7 +10,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import cameras, image_data, main_thread, scene_data
-from crowd_lod_extension.operators.render_setup import frame_update, render_setup
+from crowd_lod_extension.operators.render_setup import buckets, frame_update, render_setup
 from crowd_lod_extension.operators.render_setup.bake import bake
 from crowd_lod_extension.operators.runs.preview import Preview, preview
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd, trajectory_of
@@ -19,7 +19,7 @@ from crowd_lod_extension.operators.scene.scene_crowd import read_crowd, trajecto
 def columns(scene, *names):
     """The points of all buckets, as bytes."""
     agents = {}
-    for bucket, item in render_setup.points_of(scene.crowd_lod.build).items():
+    for bucket, item in buckets.points_of(scene.crowd_lod.build).items():
         for name in names or ("position", "id", "pose", "heading"):
             attribute = item.data.attributes[name]
             width = 3 if name == "position" else 1
@@ -85,7 +85,7 @@ def test_a_bake_films_a_cut_with_each_frames_own_camera(cut):
         live[number] = columns(cut, "id")
     list(bake(cut, [10, 11]))
     for number in (10, 11):
-        for bucket, item in render_setup.points_of(cut.crowd_lod.build).items():
+        for bucket, item in buckets.points_of(cut.crowd_lod.build).items():
             values = {name: np.empty(len(item.data.vertices), np.int32) for name in ("frame", "id")}
             for name, column in values.items():
                 item.data.attributes[name].data.foreach_get("value", column)
@@ -99,10 +99,7 @@ def test_a_preview_of_a_cut_has_each_frames_own_camera_and_its_view_from_above(c
     for number in (10, 11):
         cut.frame_set(number)
         pictures.append(
-            sum(
-                len(item.data.vertices)
-                for item in render_setup.points_of(cut.crowd_lod.build).values()
-            )
+            sum(len(item.data.vertices) for item in buckets.points_of(cut.crowd_lod.build).values())
         )
     assert [row["visible"] for row in plan["frames"]] == pictures and pictures[0] != pictures[1]
     main, above = (

@@ -11,7 +11,7 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.characters import group_measuring, stored_groups
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.render_setup import bake, render_setup
+from crowd_lod_extension.operators.render_setup import bake, buckets, render_setup
 from crowd_lod_extension.operators.render_setup.cost_estimate import FULL, estimate
 from crowd_lod_extension.operators.runs.preview import Preview, preview
 from crowd_lod_extension.operators.scene import scene_crowd
@@ -36,7 +36,7 @@ def counts_in_render(scene):
             each.is_instance
             and each.object.type == "MESH"
             and each.parent
-            and render_setup.LEVEL in each.parent.original
+            and buckets.LEVEL in each.parent.original
         ):
             found.append(each.object.original)
     return len(found), sum(map(triangles, found)), sum(map(triangles, set(found)))
@@ -59,9 +59,7 @@ def test_work_is_what_the_depsgraph_shows(levelled, known, planned):
         scene.frame_set(number)
         agents, instanced, unique = counts_in_render(scene)
         assert (agents, instanced, unique) == (work.instances[f], work.instanced[f], work.unique[f])
-    meshes = [
-        item for item in top.all_objects if item.type == "MESH" and render_setup.LEVEL not in item
-    ]
+    meshes = [item for item in top.all_objects if item.type == "MESH" and buckets.LEVEL not in item]
     assert work.posed == sum(map(triangles, meshes))
     assert work.rigs == sum(item.type == "ARMATURE" for item in top.all_objects)
     whole = found.works[FULL]
@@ -123,7 +121,7 @@ def test_lods_that_fit_in_memory_are_built_and_the_others_are_not(scene, tmp_pat
     inside = {
         item
         for item in settings.build.all_objects
-        if item.type == "MESH" and render_setup.LEVEL not in item
+        if item.type == "MESH" and buckets.LEVEL not in item
     }
     for g, (group, own) in enumerate(zip(settings.groups, finest, strict=True)):
         left_out = {

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import cameras, frame_stepping
-from crowd_lod_extension.operators.render_setup import render_setup
+from crowd_lod_extension.operators.render_setup import buckets
 from crowd_lod_extension.operators.render_setup.bake import bake
 from crowd_lod_extension.operators.runs.preview import Preview, preview
 from crowd_lod_extension.operators.runs.verify import Verify, verify
@@ -180,7 +180,7 @@ def test_the_camera_of_another_time_is_that_of_a_render_there(scene, filmed, way
 def columns(scene, name="id"):
     """The ids of each bucket's points, or another whole number of theirs."""
     agents = {}
-    for bucket, item in render_setup.points_of(scene.crowd_lod.build).items():
+    for bucket, item in buckets.points_of(scene.crowd_lod.build).items():
         agents[bucket] = np.empty(len(item.data.vertices), np.int32)
         item.data.attributes[name].data.foreach_get("value", agents[bucket])
     return agents

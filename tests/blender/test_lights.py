@@ -8,7 +8,7 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
 from crowd_lod_extension.operators.characters.group_measuring import measure_groups
 from crowd_lod_extension.operators.characters.stored_groups import store_groups
-from crowd_lod_extension.operators.render_setup import render_setup
+from crowd_lod_extension.operators.render_setup import buckets, render_setup
 from crowd_lod_extension.operators.render_setup.bake import bake
 from crowd_lod_extension.operators.scene.lights import read_surroundings
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
@@ -206,12 +206,12 @@ def unseen(scene):
     see.
     """
     found = {}
-    for name, item in render_setup.points_of(scene.crowd_lod.build).items():
-        assert item.visible_camera == name.startswith("LOD") and item.visible_shadow
+    for bucket, item in buckets.points_of(scene.crowd_lod.build).items():
+        assert item.visible_camera == (bucket.kind == "LOD") and item.visible_shadow
         if not item.visible_camera:
             values = np.empty((len(item.data.vertices), 3), np.float32)
             item.data.vertices.foreach_get("co", values.ravel())
-            found[name] = values.tobytes()
+            found[bucket] = values.tobytes()
     return found
 
 
@@ -236,10 +236,10 @@ def test_the_build_holds_them_apart_at_the_coarsest_lod_as_a_pure_function_of_th
     found = shown[0][11]
     frame = frame_now(lit, bpy.context.evaluated_depsgraph_get(), around=read(lit))
     assert (
-        len(found["Shadow 2"]) // 12 == len(frame.shadow.order) > 0
+        len(found["Shadow", 2]) // 12 == len(frame.shadow.order) > 0
         and frame.shadow.counts[:2].sum() == 0
     )
-    assert not found["Shadow 0"] and not found["Mirror 2"]
+    assert not found["Shadow", 0] and not found["Mirror", 2]
     lit.crowd_lod.shadows = False
     lit.frame_set(11)
     assert not any(unseen(lit).values())
@@ -267,7 +267,7 @@ def test_a_bake_keeps_for_their_shadows_whom_each_frame_keeps(lit, blur, rendere
     def ids_of_points(scene):
         return {
             name: ids(item.data, "id").tolist()
-            for name, item in render_setup.points_of(scene.crowd_lod.build).items()
+            for name, item in buckets.points_of(scene.crowd_lod.build).items()
         }
 
     live = {}
@@ -278,6 +278,6 @@ def test_a_bake_keeps_for_their_shadows_whom_each_frame_keeps(lit, blur, rendere
         }
     list(bake(lit, [3, 12, 30]))
     for (number, name), kept in live.items():
-        mesh = render_setup.points_of(lit.crowd_lod.build)[name].data
+        mesh = buckets.points_of(lit.crowd_lod.build)[name].data
         assert ids(mesh, "id")[ids(mesh, "frame") == number].tolist() == kept, (number, name)
-    assert all(live[number, "Shadow 2"] for number in (3, 12))
+    assert all(live[number, ("Shadow", 2)] for number in (3, 12))

@@ -11,7 +11,7 @@ from crowd_lod_extension.operators.blender import image_data, mesh_data, named_a
 from crowd_lod_extension.operators.blender.animation import action_range
 from crowd_lod_extension.operators.blender.render_evaluation import as_rendered
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.render_setup import render_setup, rigs
+from crowd_lod_extension.operators.render_setup import buckets, render_setup, rigs
 from crowd_lod_extension.operators.render_setup.phase_characters import make_cast
 from crowd_lod_extension.operators.render_setup.shelves import LIBRARY, RIGS
 from crowd_lod_extension.operators.scene.scene_crowd import characters_of, read_crowd, trajectory_of
@@ -26,7 +26,7 @@ def instances(scene):
     for each in depsgraph.object_instances:
         if (
             each.is_instance
-            and render_setup.LEVEL in each.parent.original
+            and buckets.LEVEL in each.parent.original
             and each.object.type == "MESH"
         ):
             mesh = each.object.data
@@ -35,7 +35,7 @@ def instances(scene):
             matrix = np.array(each.matrix_world)
             agents.append(
                 (
-                    each.parent.original[render_setup.LEVEL],
+                    each.parent.original[buckets.LEVEL],
                     points @ matrix[:3, :3].T + matrix[:3, 3],
                 )
             )
@@ -201,8 +201,8 @@ def test_a_bake_holds_what_its_frames_show_and_nothing_else(built):
     shelves = {c[LIBRARY]: c for c in top.children_recursive if c.get(LIBRARY, -1) >= 0}
     for level, shelf in shelves.items():
         shown = set()
-        for points in render_setup.points_of(top).values():
-            if points[render_setup.LEVEL] == level and "pose" in points.data.attributes:
+        for points in buckets.points_of(top).values():
+            if points[buckets.LEVEL] == level and "pose" in points.data.attributes:
                 values = np.empty(len(points.data.vertices), np.int32)
                 points.data.attributes["pose"].data.foreach_get("value", values)
                 shown |= set(values.tolist())
@@ -248,7 +248,7 @@ def test_another_frame_rate_asks_for_another_build(built, capfd):
     built.frame_set(5)
     assert "press Build again" in capfd.readouterr().err
     assert not any(
-        len(item.data.vertices) for item in render_setup.points_of(built.crowd_lod.build).values()
+        len(item.data.vertices) for item in buckets.points_of(built.crowd_lod.build).values()
     )
 
 

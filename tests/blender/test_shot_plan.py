@@ -11,7 +11,7 @@ from crowd_lod_extension.crowd_lod.frame.planned import LEVEL
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.shot import plan_file
 from crowd_lod_extension.operators.blender.animation import curves_of
-from crowd_lod_extension.operators.render_setup import bake, frame_update, render_setup
+from crowd_lod_extension.operators.render_setup import bake, buckets, frame_update, render_setup
 from crowd_lod_extension.operators.runs.preview import preview, verdict_in
 from crowd_lod_extension.operators.runs.preview_stage import Preview
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
@@ -128,15 +128,15 @@ def instances_at(scene, number):
 def levels_of_points(scene, keys):
     """{key: LOD} of the build's points that the camera sees."""
     found = {}
-    for name, item in render_setup.points_of(scene.crowd_lod.build).items():
-        if name.startswith("LOD") and len(item.data.vertices):
+    for bucket, item in buckets.points_of(scene.crowd_lod.build).items():
+        if bucket.kind == "LOD" and len(item.data.vertices):
             columns = [
                 [each.value for each in item.data.attributes[key].data]
                 if key in item.data.attributes
                 else []
                 for key in ("id", "frame")
             ]
-            found |= dict.fromkeys(keys(*columns), int(name.split()[1]))
+            found |= dict.fromkeys(keys(*columns), bucket.level)
     return found
 
 

@@ -15,7 +15,7 @@ from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.operators.blender.output_folders import output_folder
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.lod_meshes.posed_shapes import Posed
-from crowd_lod_extension.operators.render_setup import render_setup
+from crowd_lod_extension.operators.render_setup import buckets, render_setup
 from crowd_lod_extension.operators.scene.scene_crowd import characters_of, read_crowd, trajectory_of
 from crowd_lod_extension.operators.usd.export import POSES, UsdExport, export_usd
 from crowd_lod_extension.operators.usd.openusd import openusd
@@ -71,12 +71,12 @@ def in_build(scene, number):
     scene.frame_set(number)
     instances = {}
     for instance in bpy.context.evaluated_depsgraph_get().object_instances:
-        if instance.is_instance and render_setup.LEVEL in instance.parent:
+        if instance.is_instance and buckets.LEVEL in instance.parent:
             own = np.array(instance.matrix_world) @ np.linalg.inv(
                 np.array(instance.object.original.matrix_world)
             )
             group = instance.object.original.users_collection[0].name.split()[1]
-            instances[instance.persistent_id[1]] = own, instance.parent[render_setup.LEVEL], group
+            instances[instance.persistent_id[1]] = own, instance.parent[buckets.LEVEL], group
     return instances
 
 

@@ -9,7 +9,7 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.validation.render_proof import verdict
 from crowd_lod_extension.operators.blender import image_data, mesh_data
-from crowd_lod_extension.operators.render_setup.render_setup import points_of
+from crowd_lod_extension.operators.render_setup.buckets import points_of
 from crowd_lod_extension.operators.runs.verify import Verify, verify
 from crowd_lod_extension.operators.runs.verify_build import frames_to_verify
 from crowd_lod_extension.sample_scenes.scenery import add, material, tile
@@ -74,7 +74,7 @@ def proof(scene, folder, frame=1, agents=2):
 
 
 def lods(scene):
-    return points_of(scene.crowd_lod.build)["LOD 1"]
+    return points_of(scene.crowd_lod.build)["LOD", 1]
 
 
 def test_a_bake_as_it_was_made_is_ok_and_stays_as_it_was(baked, tmp_path):

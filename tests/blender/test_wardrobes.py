@@ -17,7 +17,7 @@ from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.overlay.agent_colors import by_material
 from crowd_lod_extension.operators.overlay.skinned_characters import Character
 from crowd_lod_extension.operators.render_setup import bake
-from crowd_lod_extension.operators.render_setup.render_setup import points_of
+from crowd_lod_extension.operators.render_setup.buckets import points_of
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 from crowd_lod_extension.operators.shot.shot_plan import PlanRequest, plan_shot, write_levels
 
@@ -181,7 +181,7 @@ def test_plan_build_and_bake_show_each_part_where_its_wearer_is(dressed, tmp_pat
     assert len(set(plan.stored.phases.shift.tolist())) > 1
     assert (crowd.phase_class == crowd.phase_class[trajectory.wearer]).all()
     agents = frame.buckets.order
-    built = read_points(points_of(scene.crowd_lod.build)["LOD 0"].data)
+    built = read_points(points_of(scene.crowd_lod.build)["LOD", 0].data)
     assert set(built["row"]) == set(agents.tolist())
     assert (built["id"] == trajectory.wearer[built["row"]]).all()
     visible = [points for level, points in instances(scene) if level == 0]
