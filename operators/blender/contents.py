@@ -216,6 +216,7 @@ def read_columns(points: bpy.types.bpy_prop_collection, columns) -> list[bytes]:
 
 
 def _still(name: str, value, moved: set[tuple[str, int]]) -> list:
+    """Return the numbers of an array or a matrix, None for those that animation changes."""
     values = np.ravel(value).tolist()
     if not moved:
         return values
@@ -275,6 +276,7 @@ def _is_left_out(setting: bpy.types.Property, bases: set[str]) -> bool:
         or any(name in OF_EDITORS[base] for base in bases & OF_EDITORS.keys())
         or (setting.is_readonly and not owns and name not in READ_ALL_THE_SAME)
         or setting.is_runtime  # other add-ons'
+        or getattr(setting, "is_deprecated", False)  # 5.0 and later; to read it warns
         or (setting.type == "STRING" and setting.subtype in PATHS)
     )
 
