@@ -28,6 +28,7 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.reporting import files, tables
 from crowd_lod_extension.operators.blender import console
+from crowd_lod_extension.operators.blender.mesh_data import count_triangles
 from crowd_lod_extension.operators.blender.ownership import remove_owned
 from crowd_lod_extension.operators.render_setup import bake, buckets
 from crowd_lod_extension.operators.render_setup.hidden_characters import hide_characters
@@ -246,7 +247,7 @@ def _save(way: str, folder: str) -> dict:
     meshes = [item.data for item in bpy.data.objects if item.type == "MESH"]
     return {
         "rigs": sum(item.type == "ARMATURE" for item in bpy.data.objects),
-        "triangles": sum(len(mesh.loops) - 2 * len(mesh.polygons) for mesh in meshes),
+        "triangles": sum(count_triangles(mesh) for mesh in meshes),
         "file_mb": round(path.stat().st_size / 1e6, 2),
     }
 

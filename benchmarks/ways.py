@@ -44,6 +44,7 @@ from crowd_lod_extension.operators.render_setup.hidden_characters import hide_ch
 from crowd_lod_extension.operators.render_setup.shelves import LIBRARY, RIGS
 from crowd_lod_extension.operators.scene.frame_plan import frame_of, moment_now
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
+from crowd_lod_extension.operators.settings.cost_table import FULL, Case
 from jobs import answer, peak_mb
 
 NOBODY = "nobody"
@@ -167,9 +168,12 @@ def _counted(scene: bpy.types.Scene, way: str, agents: int) -> dict:
     works = finished(cost_estimate.estimate(scene, FRAMES[:1], known=True)).works
     if way != EVERYONE:
         finished(bake.bake(scene, FRAMES[:1]))
-        return {name: float(np.sum(value)) for name, value in vars(works["By Distance"]).items()}
+        return {
+            name: float(np.sum(value))
+            for name, value in vars(works[Case("BY_RATIO", True)]).items()
+        }
     top = scene.crowd_lod.build
-    full = works[cost_estimate.FULL]
+    full = works[Case(FULL, True)]
     dress_scene(scene, EVERYONE)
     return counted(top) | {
         "rays": float(full.rays[0]),
@@ -186,10 +190,7 @@ def counted(top: bpy.types.Collection) -> dict[str, int]:
     shelf = next(child for child in top.children_recursive if child.get(LIBRARY, -1) == 0)
     homes = sorted(shelf.children, key=lambda home: home.name)
     triangles = np.array(
-        [
-            sum(len(item.data.loops) - 2 * len(item.data.polygons) for item in home.objects)
-            for home in homes
-        ]
+        [sum(mesh_data.count_triangles(item.data) for item in home.objects) for home in homes]
     )
     split = np.array([home.objects[0].data.has_custom_normals for home in homes])
     numbers = np.zeros(len(points.data.vertices), np.int32)

@@ -13,6 +13,7 @@ from itertools import count
 from typing import Any, TypeVar
 
 THREADS = min(os.cpu_count() or 1, 4)
+QUARTER = 0.25  # the progress from which on the time left is told, see `after_quarter`
 LOOK = 0.02  # seconds between two looks at work that another thread does
 _own = threading.local()
 Made = TypeVar("Made")  # what the work returns
@@ -74,26 +75,13 @@ class Work:
         return done / whole if whole else 0.0
 
 
-def sub_progress(
-    steps: Generator[float, None, Made], begin: float, end: float
-) -> Generator[float, None, Made]:
-    """Yield the generator's progress as the part from `begin` to `end` of the whole.
+def after_quarter(cost: float) -> float:
+    """Return the cost of parts that follow on others of `cost`, which are the first quarter then.
 
-    Returns the generator's result. If this one is closed early, it closes the generator at once:
-    before the caller cleans up, not when Python frees it.
+    It is for parts that take another time than these on each machine, such as renders after LODs:
+    the time left is told of the parts that follow.
     """
-    return (yield from _told(steps, lambda progress: begin + (end - begin) * progress))
-
-
-def constant_progress(
-    steps: Generator[Any, None, Made], progress: float
-) -> Generator[float, None, Made]:
-    """Yield `progress` at each of the generator's steps.
-
-    The values that the generator yields are ignored. Returns its result. Closes it early as
-    `sub_progress` does.
-    """
-    return (yield from _told(steps, lambda _: progress))
+    return cost * (1 - QUARTER) / QUARTER or 1.0
 
 
 def open_ended_progress(

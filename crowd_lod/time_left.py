@@ -2,34 +2,46 @@
 
 from collections import deque
 
-EARLY = 0.25  # progress from which on it is said
+from .progress import QUARTER
+
 KNOWN = 1.4  # times that estimates of the whole differ, at most, where it is said
+LEAST = 0.1  # of the progress that must have been seen, and seconds
+SECONDS = 2.0
 
 
 class TimeLeft:
-    """The time that a step has left, as its progress tells.
+    """The time that a step has left, as its progress tells from QUARTER on.
 
-    It is said once a part is done, and where the latter half of the time has told about the same
-    whole: some searches take more tries than others, and call for further ones.
+    It is said where the latter half of the time since then has told about the same whole: some
+    searches take more tries than others, and call for further ones.
     """
 
     def __init__(self) -> None:
+        self._begin: tuple[float, float] | None = None  # (second, progress) from which on it counts
         self._wholes: deque[tuple[float, float]] = deque()  # (at which second, estimated seconds)
 
     def words(self, progress: float, seconds: float) -> str:
-        """Return a text with the time left, or "" in the first two seconds.
+        """Return a text with the time left, or "" where it is not known.
 
-        progress: 0 to 1, reached in `seconds`; "" at 0 too.
+        progress: 0 to 1, reached in `seconds`.
         """
-        if seconds < 2 or not progress > 0:
+        if progress < QUARTER:  # again, if more is to do than was known
+            self._begin = None
+            self._wholes.clear()
             return ""
-        self._wholes.append((seconds, seconds / progress))
-        while self._wholes[0][0] < seconds / 2:
+        if self._begin is None:
+            self._begin = seconds, progress
+        taken = seconds - self._begin[0]
+        done = progress - self._begin[1]
+        if taken < SECONDS or done < LEAST:
+            return ""
+        self._wholes.append((taken, taken / done * (1 - self._begin[1])))
+        while self._wholes[0][0] < taken / 2:
             self._wholes.popleft()
         wholes = [whole for _, whole in self._wholes]
-        if progress >= EARLY and max(wholes) <= KNOWN * min(wholes):
-            return f", about {_duration(wholes[-1] - seconds)} left"
-        return ""
+        if max(wholes) > KNOWN * min(wholes):
+            return ""
+        return f", about {_duration(max(wholes[-1] - taken, 0.0))} left"
 
 
 def _duration(seconds: float) -> str:

@@ -24,7 +24,7 @@ import numpy as np
 from ..crowd.agents import Crowd
 from ..crowd.maps import LabelMap
 from ..crowd.state_machine import StateMachine
-from ..format import counted
+from ..messages import Kind, Message
 from .plain_step import advance
 
 
@@ -65,19 +65,18 @@ class Trouble:
     row: np.ndarray
     counts: np.ndarray
 
-    def __str__(self) -> str:
-        singular, plural = {
-            "chatters": (
-                "agent changes state endlessly and stays in place",
-                "agents change state endlessly and stay in place",
-            ),
-            "stuck": ("agent stands for good", "agents stand for good"),
-        }[self.kind]
-        agents = counted(len(self.agents), singular, plural)
-        where = f"most of them ({self.counts[0]}) at" if len(self.counts) > 1 else "at"
-        place = f"x {self.x[0]:.2f} m, y {self.y[0]:.2f} m"
-        cell = f"map column {self.column[0]}, row {self.row[0]} from the bottom"
-        return f"{agents}, {where} {place} ({cell})."
+    @property
+    def message(self) -> Message:
+        facts = {
+            "agents": len(self.agents),
+            "cells": len(self.counts),
+            "there": int(self.counts[0]),
+            "x": float(self.x[0]),
+            "y": float(self.y[0]),
+            "column": int(self.column[0]),
+            "row": int(self.row[0]),
+        }
+        return Message(Kind.CHATTERS if self.kind == "chatters" else Kind.STUCK, facts=facts)
 
 
 def trouble(

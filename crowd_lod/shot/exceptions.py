@@ -247,7 +247,7 @@ def alone(frame: Frame, exemptions: Sequence[Exemption], number: float) -> Frame
 
 
 def marked(levels: np.ndarray, number: int, exemptions: Sequence[Exemption]) -> np.ndarray:
-    """Return what a plan stores of a frame (planned.Row).
+    """Return what a plan stores of a frame (see planned.with_row).
 
     These are `levels` (n,) uint8 with what exceptions pin and hide.
 

@@ -136,7 +136,7 @@ class Trajectory(ABC):
         return float(max(steps))
 
     def tilt(self, crowd: Crowd, agents: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return (pitch, roll) of `agents` (m,) who stand square on their ground; see maps.lean.
+        """Return (pitch, roll) of `agents` (m,) who stand square on their ground; see height_map.lean.
 
         Each is (m,) float32, radians. None if all stand upright.
         """

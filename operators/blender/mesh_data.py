@@ -6,6 +6,11 @@ import numpy as np
 from ...crowd_lod.errors import CrowdError
 
 
+def count_triangles(mesh: bpy.types.Mesh) -> int:
+    """Return how many triangles the mesh's faces have, none of which need to be made for it."""
+    return len(mesh.loops) - 2 * len(mesh.polygons)
+
+
 def read_triangles(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return (points, triangles, corners, faces) of the mesh, in its own space.
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...crowd_lod.culling.occluders import Occluders, Shape, join_occluders, shape_of_mesh
 from . import scene_cache
-from .mesh_data import read_triangles
+from .mesh_data import count_triangles, read_triangles
 from .opacity import hides_in_all_engines
 from .render_evaluation import shows_alike
 from .scenery import Placed, Scenery, matrix_of
@@ -287,7 +287,7 @@ def _opaque_mesh(
     """Return the opaque triangles of an evaluated object; None if it has too many."""
     mesh = evaluated.to_mesh()
     try:
-        if len(mesh.loops) - 2 * len(mesh.polygons) > MOST_TRIANGLES:
+        if count_triangles(mesh) > MOST_TRIANGLES:
             return None
         points, triangles, _, faces = read_triangles(mesh)
         slots = np.zeros(len(mesh.polygons), np.int32)

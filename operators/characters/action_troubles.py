@@ -7,7 +7,7 @@ import numpy as np
 
 from ...crowd_lod.crowd.agents import Action, Group
 from ...crowd_lod.crowd.state_machine import StateMachine
-from ...crowd_lod.format import number
+from ...crowd_lod.messages import Kind, Message
 from ..blender import scene_data
 from ..blender.named_actions import action_names
 from ..machine.scene_world import machine_of
@@ -15,8 +15,8 @@ from ..machine.scene_world import machine_of
 SLIDES = 0.01  # meters in a cycle: feet that slide less do not count
 
 
-def notes_on_actions(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
-    """Yield sentences on the characters' own actions, and on those that states of the crowds name.
+def notes_on_actions(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[Message]:
+    """Yield messages on the characters' own actions, and on those that states of the crowds name.
 
     groups: as just measured.
     """
@@ -28,25 +28,24 @@ def notes_on_actions(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterato
     for group in groups:
         if group.variant_of:
             continue
-        yield from _root_motion(scene, group, "own animation", group.way)
+        yield from _root_motion(scene, group, "", group.way)
         for action in group.actions:
-            yield from _root_motion(scene, group, f"action {_title(group, action)}", action.way)
+            yield from _root_motion(scene, group, _title(group, action), action.way)
             yield from _slides(scene, group, action, machines)
 
 
 def _root_motion(
-    scene: bpy.types.Scene, group: Group, action_name: str, way: float
-) -> Iterator[str]:
+    scene: bpy.types.Scene, group: Group, action: str, way: float
+) -> Iterator[Message]:
+    """Yield a message on what an action moves, or the group's own animation, ""."""
     if way:
-        yield (
-            f"The {action_name} moves {group.name} by {number(way * scene_data.meters(scene))} m "
-            "in a cycle: that is taken out, because the crowd moves its agents."
-        )
+        facts = {"action": action, "way": float(way * scene_data.meters(scene))}
+        yield Message(Kind.ROOT_MOTION, group.name, facts)
 
 
 def _slides(
     scene: bpy.types.Scene, group: Group, action: Action, machines: Sequence[StateMachine]
-) -> Iterator[str]:
+) -> Iterator[Message]:
     speeds = {
         (machine.states[s], float(speed))
         for machine in machines
@@ -61,15 +60,15 @@ def _slides(
     slide = abs((action.stride or speed * action.period) - action.feet)
     meters = scene_data.meters(scene)
     if slide * meters > SLIDES:
-        remedy = (
-            f"set its property stride to {number(action.feet * meters)} m"
-            if action.stride
-            else f"give the state the speed {number(action.feet * meters / action.period)} m/s"
-        )
-        yield (
-            f"In the state {state} the feet of {group.name} slide by {number(slide * meters)} m in "
-            f"a cycle of {_title(group, action)}: {remedy}."
-        )
+        feet = action.feet * meters
+        facts = {
+            "state": state,
+            "action": _title(group, action),
+            "slide": float(slide * meters),
+            "stride": bool(action.stride),
+            "fits": float(feet if action.stride else feet / action.period),
+        }
+        yield Message(Kind.FEET_SLIDE, group.name, facts)
 
 
 def _title(group: Group, action: Action) -> str:

@@ -7,6 +7,7 @@ import bpy
 
 from ...crowd_lod.crowd.agents import MOST_GROUPS, Group
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.messages import Kind, Message
 from ..blender import stored_values
 from ..blender.character_objects import WITHOUT_FACES, is_stage, may_have_faces, parts
 from ..blender.ownership import OWNED
@@ -154,39 +155,27 @@ def _groups_as_they_lie(
                 yield root, members, tuple(root.matrix_world.translation)
 
 
-def notes_on_left_out(scene: bpy.types.Scene) -> Iterator[str]:
-    """Yield a sentence on what renders show of the characters and no crowd does, because it has no
+def notes_on_left_out(scene: bpy.types.Scene) -> Iterator[Message]:
+    """Yield messages on what renders show of the characters and no crowd does, because it has no
     faces.
     """
     members = [
         item for group in groups_in(scene, scene.crowd_lod.characters) for item in group.members
     ]
-    names = [
-        f"{item.name} ({WITHOUT_FACES[item.type]})"
-        for item in members
-        if item.type in WITHOUT_FACES and not item.hide_render
-    ]
-    if names:
-        yield (
-            f"Left out of the crowd, which shows faces and hair: {', '.join(sorted(names))}. "
-            f"Convert to meshes what is needed."
-        )
+    for item in sorted(members, key=lambda item: item.name):
+        if item.type in WITHOUT_FACES and not item.hide_render:
+            what = WITHOUT_FACES[item.type]
+            yield Message(Kind.WITHOUT_FACES, item.name, {"what": what})
 
 
-def notes_on_unsaved(characters: Characters) -> Iterator[str]:
-    """Yield a sentence on objects that the characters are made of and that Blender drops when it
+def notes_on_unsaved(characters: Characters) -> Iterator[Message]:
+    """Yield messages on objects that the characters are made of and that Blender drops when it
     saves the file.
     """
     shapes = [item for _, objects, _ in characters for item in objects]
-    names = sorted(
-        item.name for item in closure_of(shapes) if not item.users and item.library is None
-    )
-    if names:
-        yield (
-            f"No collection holds {', '.join(names)}, on which the characters depend: Blender "
-            f"does not save such objects, so link "
-            "them to a collection."
-        )
+    for item in sorted(closure_of(shapes), key=lambda item: item.name):
+        if not item.users and item.library is None:
+            yield Message(Kind.UNSAVED, item.name)
 
 
 def check_measured(cast: Sequence[tuple], groups: Sequence[Group]) -> None:

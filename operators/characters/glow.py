@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import bpy
 
+from ...crowd_lod.messages import Kind, Message
 from ..blender.emission import emits
 from .characters import characters_of
 
@@ -32,20 +33,8 @@ def glowing(scene: bpy.types.Scene) -> dict[str, list[bpy.types.Material]]:
     return lights_by_group
 
 
-def notes_on_glow(scene: bpy.types.Scene) -> Iterator[str]:
-    """Yield a sentence on characters whose materials light others."""
-    lights_by_group = glowing(scene)
-    if not lights_by_group:
-        return
-    names = ", ".join(
-        f"{name} (material {materials[0].name})" for name, materials in lights_by_group.items()
-    )
-    effect = (
-        "their agents stay in the render"
-        if scene.crowd_lod.shadows
-        else "culling takes it away without Shadows and Reflections"
-    )
-    yield (
-        f"In Cycles light comes from {names}, and {effect}: if that is not meant, mix the emission "
-        f"with Transparent by Light Path > Is Camera Ray."
-    )
+def notes_on_glow(scene: bpy.types.Scene) -> Iterator[Message]:
+    """Yield messages on characters whose materials light others."""
+    for name, materials in glowing(scene).items():
+        facts = {"material": materials[0].name, "stays": scene.crowd_lod.shadows}
+        yield Message(Kind.GLOWS, name, facts)

@@ -10,6 +10,7 @@ from ...crowd_lod.animation.phase_classes import Gaits, Library
 from ...crowd_lod.levels.cost_model import Holdings
 from ...crowd_lod.progress import Work
 from ...crowd_lod.sources.trajectory import Trajectory
+from ..blender.mesh_data import count_triangles
 from ..blender.named_actions import group_performance
 from ..blender.ownership import OWNED
 from .bone_motion import CURVES, guess_keys
@@ -159,10 +160,6 @@ def _meshes_of(objects: Sequence[bpy.types.Object]) -> set[bpy.types.Mesh]:
     return {item.data for item in objects if item.type == "MESH"}
 
 
-def _triangles(mesh: bpy.types.Mesh) -> int:
-    return len(mesh.loops) - 2 * len(mesh.polygons)
-
-
 def _bytes_of(mesh: bpy.types.Mesh) -> int:
     attributes = sum(
         len(attribute.data) * BYTES.get(attribute.data_type, OTHER_BYTES)
@@ -174,14 +171,14 @@ def _bytes_of(mesh: bpy.types.Mesh) -> int:
 def _bytes_a_triangle(objects: Sequence[bpy.types.Object]) -> float:
     """Return the bytes of the objects' meshes for each of their triangles."""
     meshes = _meshes_of(objects)
-    return sum(map(_bytes_of, meshes)) / max(sum(map(_triangles, meshes)), 1)
+    return sum(map(_bytes_of, meshes)) / max(sum(map(count_triangles, meshes)), 1)
 
 
 def _split_part(objects: Sequence[bpy.types.Object]) -> float:
     """Return the part of the objects' triangles whose corners have normals of their own."""
     meshes = _meshes_of(objects)
-    split = sum(_triangles(mesh) for mesh in meshes if mesh.has_custom_normals)
-    return split / max(sum(map(_triangles, meshes)), 1)
+    split = sum(count_triangles(mesh) for mesh in meshes if mesh.has_custom_normals)
+    return split / max(sum(map(count_triangles, meshes)), 1)
 
 
 def _materials_of(objects: Sequence[bpy.types.Object]) -> set[bpy.types.Material]:

@@ -5,30 +5,20 @@ from pathlib import Path
 
 import bpy
 
-from ...crowd_lod.format import counted, printable
+from ...crowd_lod.format import printable
+from ...crowd_lod.messages import Kind, Message
 from ..blender.image_nodes import image_nodes
 from .rig_needs import Characters
 
 
-def notes_on_images(characters: Characters) -> Iterator[str]:
-    """Yield a sentence on the characters' images whose files are missing."""
-    wearers: dict[bpy.types.Image, list[str]] = {}
+def notes_on_images(characters: Characters) -> Iterator[Message]:
+    """Yield messages on the characters' images whose files are missing."""
     for name, objects, _ in characters:
         materials = {slot.material for item in objects for slot in item.material_slots}
         nodes = [node for each in materials - {None} for node, _ in image_nodes(each.node_tree)]
-        for image in {node.image for node in nodes}:
-            if _is_missing(image):
-                wearers.setdefault(image, []).append(name)
-    if not wearers:
-        return
-    image = min(wearers, key=lambda missing: missing.name)
-    names = ", ".join(dict.fromkeys(name for group in wearers.values() for name in group))
-    count = len(wearers)
-    yield (
-        f"{counted(count, 'image')} of {names} {'is' if count == 1 else 'are'} missing, and "
-        f"{'renders' if count == 1 else 'render'} pink ({printable(_path_of(image))}): copy the "
-        f"pack's textures there, or use File > External Data > Find Missing Files."
-    )
+        images = {node.image for node in nodes}
+        if paths := sorted(printable(_path_of(image)) for image in images if _is_missing(image)):
+            yield Message(Kind.IMAGE_MISSING, name, {"paths": paths})
 
 
 def _path_of(image: bpy.types.Image) -> Path:

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import bpy
 
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.messages import Kind, Message
 from ..blender.animation import armatures_of
 from ..blender.labeled_properties import StringProperty
 from ..blender.named_actions import own_performance
@@ -13,9 +14,7 @@ from ..machine.scene_world import machine_of
 from ..settings import needs
 from .action_fits import Fit, best, choose_action, take
 from .characters import all_characters
-from .walk_choice import chosen_by, walk_among
-
-TAKE_ACTION = "Take Action"
+from .walk_choice import is_called_a_walk, walk_among
 
 
 def motionless(scene: bpy.types.Scene) -> dict[str, bpy.types.Object]:
@@ -56,39 +55,27 @@ def _walks(crowd: bpy.types.PropertyGroup) -> bool:
     return any(not name and machine.velocity[s].any() for s, name in enumerate(machine.actions))
 
 
-def notes_on_gliding(scene: bpy.types.Scene) -> Iterator[str]:
-    """Yield a sentence on characters that glide in their bind pose, with the way out."""
+def notes_on_gliding(scene: bpy.types.Scene) -> Iterator[Message]:
+    """Yield messages on characters that nod, or glide in their bind pose, with the way out."""
+    remedy = CROWDLOD_OT_take_action.bl_idname
     walks = nodding(scene) if _somebody_walks(scene) else {}
     for name, (rig, fit) in walks.items():
-        yield (
-            f"{_walking(name, rig)}, and its file has {fit.action.name} ({chosen_by(fit)}): press "
-            f"{TAKE_ACTION}."
-        )
-    rigs_at_rest = gliding(scene)
-    if not rigs_at_rest:
-        return
-    names = ", ".join(rigs_at_rest)
-    verb, pronoun = ("has", "it") if len(rigs_at_rest) == 1 else ("have", "them")
-    fits = sorted(
-        {fit.action.name for rig in rigs_at_rest.values() if (fit := best(rig, [])) is not None}
-    )
-    way = (
-        f"press {TAKE_ACTION}, which gives {pronoun} {', '.join(fits)}"
-        if fits
-        else f"import the file of the pack that holds its motion, then press {TAKE_ACTION}"
-    )
-    yield f"{names} {verb} a rig that plays no action, and would glide in its bind pose: {way}."
-
-
-def _walking(name: str, rig: bpy.types.Object) -> str:
-    return f"{name} walks by the action {rig.animation_data.action.name}"
+        facts = {
+            "action": rig.animation_data.action.name,
+            "walk": fit.action.name,
+            "by_name": is_called_a_walk(fit.action),
+        }
+        yield Message(Kind.NO_WALK, name, facts, remedy)
+    for name, rig in gliding(scene).items():
+        fit = best(rig, [])
+        yield Message(Kind.GLIDES, name, {"fit": "" if fit is None else fit.action.name}, remedy)
 
 
 class CROWDLOD_OT_take_action(Reporting, bpy.types.Operator):
     """Give characters whose rig plays nothing an action of the file whose bones are theirs"""
 
     bl_idname = "crowd_lod.take_action"
-    bl_label = TAKE_ACTION
+    bl_label = "Take Action"
     needs = (needs.characters,)
 
     group: StringProperty(

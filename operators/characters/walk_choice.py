@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import bpy
 
+from ...crowd_lod.message_words import chosen_by
 from ..blender import scene_data
 from ..blender.animation import armatures_of, span_of
 from ..blender.root_motion import of_action
@@ -25,9 +26,8 @@ def take_walks(scene: bpy.types.Scene, items: Sequence[bpy.types.Object]) -> Ite
         fit = walk_among(scene, rig, items)
         if fit is not None:
             action = take(rig, fit)
-            yield (
-                f"{rig.name} now plays {action.name} ({chosen_by(fit)}) instead of {before.name}."
-            )
+            chosen = chosen_by(is_called_a_walk(fit.action))
+            yield f"{rig.name} now plays {action.name} ({chosen}) instead of {before.name}."
         elif not _walks(scene, rig, items, before):
             yield (
                 f"{rig.name} plays {before.name}, and no action of its file is called a walk: "
@@ -56,9 +56,9 @@ def walk_among(
     )
 
 
-def chosen_by(fit: Fit) -> str:
-    """Return why `walk_among` chose an action, in words."""
-    return "chosen by name" if WALKS.search(fit.action.name) else "chosen by its speed"
+def is_called_a_walk(action: bpy.types.Action) -> bool:
+    """Return whether `walk_among` chooses the action by its name, else by its speed."""
+    return WALKS.search(action.name) is not None
 
 
 def _walks(

@@ -12,7 +12,7 @@ from ... import sample_scenes
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
 from ...crowd_lod.frame.frame_range import parse_frames
-from ...crowd_lod.progress import constant_progress, sub_progress
+from ...crowd_lod.progress import Work
 from ...crowd_lod.reporting import files, tables
 from ..blender import console, frame_stepping
 from ..blender.output_folders import output_file
@@ -203,15 +203,16 @@ def _building(
     """
     scene = crowd.scene
     costs = estimate(scene, frames or (), args.bake)
-    predicted = yield from sub_progress(costs, 0.0, 0.3)
+    work = Work(10)  # of which building takes most
+    predicted = yield from work.take(costs, 3)
     if not args.quiet:
         print(predicted.sentence, file=sys.stderr)
     steps = bake.bake(scene, frames, args.strict) if args.bake else render_setup.build(crowd)
-    cast = yield from sub_progress(steps, 0.3, 1.0)
+    cast = yield from work.take(steps, 7)
     # a live build looks the plan up when its frames are shown
     if args.bake:
         return predicted, cast, ""
-    return predicted, cast, (yield from constant_progress(_note_on_plan(crowd, args.strict), 1.0))
+    return predicted, cast, (yield from work.take(_note_on_plan(crowd, args.strict)))
 
 
 def _note_on_plan(crowd: SceneCrowd, strict: bool) -> Generator[float, None, str]:

@@ -12,7 +12,7 @@ from ...crowd_lod.culling.framing import framing
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
 from ...crowd_lod.frame.frame_range import spread_evenly
-from ...crowd_lod.progress import sub_progress
+from ...crowd_lod.progress import Work
 from ...crowd_lod.reporting import files
 from ...crowd_lod.sources.recorded import Recorded
 from ..blender import cameras, console, removal, scene_data
@@ -253,7 +253,8 @@ def _add_ground(scene: bpy.types.Scene, path: Path) -> bpy.types.Collection:
 
 def _filled(scene: bpy.types.Scene) -> Generator[float, None, str]:
     """Populate the scene, add camera and light: yield the progress, return a sentence."""
-    sentence, warnings = yield from sub_progress(populate_scene(scene), 0.0, 0.5)
+    work = Work(2)  # populating takes about as long as looking where agents are
+    sentence, warnings = yield from work.take(populate_scene(scene), 1)
     if scene.crowd_lod.source == "FILE":
         trajectory = trajectory_of(scene)
         last = _last(trajectory)
@@ -264,7 +265,7 @@ def _filled(scene: bpy.types.Scene) -> Generator[float, None, str]:
             )
         scene.frame_start = trajectory.first_frame
         scene.frame_end = last
-    _film(scene, (yield from sub_progress(_places(scene), 0.5, 1.0)))
+    _film(scene, (yield from work.take(_places(scene), 1)))
     if not any(item.type == "LIGHT" for item in scene.objects):
         _add(scene, "Sun", bpy.data.lights.new("Sun", "SUN")).rotation_euler = (
             radians(50),
@@ -286,10 +287,11 @@ def _places(scene: bpy.types.Scene) -> Generator[float, None, np.ndarray]:
     """Find where agents are all over the shot: yield the progress, return (n, 3) float64."""
     frames = spread_evenly(range(scene.frame_start, scene.frame_end + 1), LOOKS)
     places = []
-    for k, frame in enumerate(frames):
+    work = Work(len(frames))
+    for frame in frames:
         scene.frame_set(frame)
         trajectory = trajectory_of(scene)
-        yield from sub_progress(trajectory.approach(frame), k / len(frames), (k + 1) / len(frames))
+        yield from work.take(trajectory.approach(frame), 1)
         crowd = trajectory.at(frame)
         there = np.stack([crowd.x, crowd.y, crowd.z], axis=1)[
             slice(None) if crowd.present is None else crowd.present

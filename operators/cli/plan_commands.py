@@ -1,10 +1,9 @@
 """The command plan."""
 
-from collections.abc import Generator
+from functools import partial
 from pathlib import Path
 
 from ...crowd_lod.format import printable
-from ...crowd_lod.progress import sub_progress
 from ...crowd_lod.reporting import files
 from ...crowd_lod.shot import plan_file
 from ..shot import shot_plan
@@ -50,14 +49,8 @@ def plan_shot(args) -> dict:
     folder = files.absolute(args.out or Path(f"{stem}_plan"))
     request = shot_plan.wanted_of(scene, folder, frames_of_shot(args, scene))
     with files.staged(folder) as part:
-
-        def work() -> Generator[float, None, tuple[shot_plan.PlannedShot, dict]]:
-            planning = shot_plan.plan_shot(scene, request)
-            planned = yield from sub_progress(planning, 0.0, shot_plan.PLANNED)
-            writing = shot_plan.write_plan(part, planned, args.words)
-            return planned, (yield from sub_progress(writing, shot_plan.PLANNED, 1.0))
-
-        steps = with_record(scene, request.frames, work)
+        planning = partial(shot_plan.plan_into, part, scene, request, args.words)
+        steps = with_record(scene, request.frames, planning)
         planned, content = finish(steps, f"plan of {stem}", args.quiet)
     if args.scene is None:  # the open file goes on with it
         settings.shot_plan = str(folder / plan_file.NAME)

@@ -187,10 +187,10 @@ def note_proof(scene: bpy.types.Scene, proof: ProofResult) -> None:
     look_again(scene)
 
 
-def verdict_of(scene: bpy.types.Scene) -> str:
-    """Return what the last proof of the scene found; "" if there is none, or it is `stale`."""
+def current_proof(scene: bpy.types.Scene) -> ProofResult | None:
+    """Return what the last proof of the scene found; None if there is none, or it is `stale`."""
     proof = _proofs.get(scene.session_uid)
-    return "" if proof is None or stale(scene, PROOF) else proof.sentence
+    return None if proof is None or stale(scene, PROOF) else proof
 
 
 def _differ(_, made_of: Parts, parts: Parts) -> list[Change]:

@@ -22,6 +22,7 @@ from ...crowd_lod.levels.selection import View
 from ...crowd_lod.progress import Work
 from ..blender import removal, stored_values
 from ..blender.material_colors import Looks
+from ..blender.mesh_data import count_triangles
 from ..blender.ownership import OWNED
 from ..blender.performance import digest as digest_of
 from ..blender.provenance import text_digest
@@ -167,7 +168,7 @@ class Ladder:
             *actions,
         )
         meshes = [source for source in self.sources if source.mesh]
-        triangles = [len(source.mesh.loops) - 2 * len(source.mesh.polygons) for source in meshes]
+        triangles = [count_triangles(source.mesh) for source in meshes]
         for source, count in zip(meshes, triangles, strict=True):
             source.share = count / sum(triangles)
         self.costs = Costs(sum(triangles), self.searched, len(self.goals))

@@ -1,11 +1,14 @@
 """What the work of Make LOD Meshes costs."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import bpy
 
-from ..characters.characters import Character
+from ...crowd_lod.levels.assignment import deviations
+from ..blender.mesh_data import count_triangles
+from ..characters.characters import Character, all_characters
+from ..characters.stored_groups import groups_of
+from ..scene.scene_crowd import policy_of
 
 # Seconds on a slow machine: of reading a character, for each thousand of its triangles; of work on
 # one of its LODs, for the square root of these thousands.
@@ -70,9 +73,20 @@ def costs_before(character: Character, settings) -> Costs:
     return Costs(triangles, settings.choice == "BY_TOLERANCE", settings.level_count)
 
 
-def seconds_before(characters: Iterable[Character], settings) -> float:
-    """Return about how many seconds making the characters' LODs will take."""
-    costs = [costs_before(character, settings) for character in characters]
+def lacking_seconds(scene: bpy.types.Scene) -> float:
+    """Return about how many seconds making or measuring the LODs that `scene` lacks will take."""
+    settings = scene.crowd_lod
+    if settings.levels is None:
+        return lod_seconds(scene)
+    if deviations(groups_of(settings), policy_of(settings)) is not None:
+        return 0.0
+    costs = [costs_before(character, settings) for character in all_characters(scene)]
+    return sum(each.read + replace(each, searched=False).expected for each in costs)
+
+
+def lod_seconds(scene: bpy.types.Scene) -> float:
+    """Return about how many seconds making all LODs of `scene` will take."""
+    costs = [costs_before(character, scene.crowd_lod) for character in all_characters(scene)]
     return sum(each.load + each.read + each.expected for each in costs)
 
 
@@ -81,4 +95,4 @@ def _triangles_before(item: bpy.types.Object) -> int:
     if item.type != "MESH":
         return 0
     levels = sum(each.levels for each in item.modifiers if each.type in ("SUBSURF", "MULTIRES"))
-    return (len(item.data.loops) - 2 * len(item.data.polygons)) * 4**levels
+    return count_triangles(item.data) * 4**levels

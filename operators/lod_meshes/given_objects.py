@@ -9,6 +9,7 @@ from mathutils import Matrix, Vector
 from ...crowd_lod.errors import CrowdError
 from ..blender import removal
 from ..blender.animation import armatures_of
+from ..blender.mesh_data import count_triangles
 from ..characters.given_lods import GivenLod
 from . import source_mesh as sources
 from .level_objects import GIVEN, WHY, copy_object
@@ -29,7 +30,7 @@ def read_given(lod: GivenLod) -> tuple[str, tuple[int, int]]:
         digests.append(sources.object_digest(item, source))
         if source.mesh is not None:
             vertices += len(source.mesh.vertices)
-            triangles += len(source.mesh.loops) - 2 * len(source.mesh.polygons)
+            triangles += count_triangles(source.mesh)
             removal.remove([source.mesh])
     return repr((digests, [f"{length:.6g}" for length in lod.offset])), (vertices, triangles)
 

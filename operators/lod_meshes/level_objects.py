@@ -103,7 +103,7 @@ def make_object(
     copy[WAY] = made.method
     copy[WHY] = " ".join(filter(None, [made.why, *source.notes]))
     copy[MILLISECONDS] = made.milliseconds
-    return copy, len(made.mesh.vertices), _triangles(made.mesh)
+    return copy, len(made.mesh.vertices), mesh_data.count_triangles(made.mesh)
 
 
 def _make_mesh(source: sources.Source, ratio: float) -> Generator[None, None, _Made]:
@@ -160,12 +160,8 @@ def share_object(source: sources.Source) -> tuple[bpy.types.Object, int, int]:
     return (
         copy_object(source.item),
         len(mesh.vertices) if mesh else 0,
-        _triangles(mesh) if mesh else 0,
+        mesh_data.count_triangles(mesh) if mesh else 0,
     )
-
-
-def _triangles(mesh: bpy.types.Mesh) -> int:
-    return len(mesh.loops) - 2 * len(mesh.polygons)
 
 
 def discard(items: Sequence[bpy.types.Object]) -> None:

@@ -29,7 +29,7 @@ from ..sources.crowd_parts import measured_parts, note_measured
 from ..sources.record_points import with_record
 from . import selection
 from .candidates import CANDIDATE, Ladder
-from .costs import costs_before, seconds_before
+from .costs import costs_before, lod_seconds
 from .level_objects import TINTS
 
 
@@ -88,7 +88,7 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
     copied = scene_data.is_shared(scene, "levels")
     earlier = None if copied else settings.levels
     before = blocks_now()
-    work = Work(seconds_before(characters, settings))
+    work = Work(lod_seconds(scene))
     yield from work.take(reading_afresh(scene))
     measured = measured_parts(scene)
     made_for = lod_parts(scene)

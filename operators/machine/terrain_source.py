@@ -8,7 +8,7 @@ import numpy as np
 from ...crowd_lod.crowd.maps import FARTHEST
 from ...crowd_lod.crowd.terrain import Terrain, upward
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.format import number
+from ...crowd_lod.messages import Kind, Message
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import kept_meshes, mesh_data, scene_cache, scene_data
 from ..blender.ownership import OWNED
@@ -107,8 +107,8 @@ def _unread(crowd) -> str:
     return f"The terrain {_name(crowd)} is not read yet: press Populate."
 
 
-def terrain_notes(crowd, trajectory: Trajectory) -> Iterator[str]:
-    """Yield sentences on agents without ground under them at the start, and on moving ground."""
+def terrain_notes(crowd, trajectory: Trajectory) -> Iterator[Message]:
+    """Yield messages on agents without ground under them at the start, and on moving ground."""
     ground = trajectory.heights
     start = trajectory.start
     if not isinstance(ground, Terrain):
@@ -116,31 +116,22 @@ def terrain_notes(crowd, trajectory: Trajectory) -> Iterator[str]:
     if not trajectory.level:
         over = int(ground.missing(start.x, start.y).sum())
         if over:
-            has_verb, pronoun, stand_verb = (
-                ("has", "it", "stands") if over == 1 else ("have", "them", "stand")
-            )
-            yield (
-                f"{over:,} of {len(start):,} agents {has_verb} no ground of the terrain "
-                f"{_name(crowd)} under {pronoun}, and {stand_verb} at the "
-                f"crowd's height, {number(ground.z * ground.meters)} m."
-            )
+            facts = {
+                "over": over,
+                "agents": len(start),
+                "terrain": _name(crowd),
+                "height": float(ground.z * ground.meters),
+            }
+            yield Message(Kind.NO_TERRAIN, facts=facts)
     top = crowd.id_data.crowd_lod.characters
     inside = sorted(
         item.name
         for item in set(objects_of(crowd)).intersection(top.all_objects if top is not None else ())
     )
-    if inside:
-        yield (
-            f"The terrain lies in the collection {top.name} of the characters "
-            f"({', '.join(inside[:3])}), which renders leave out: "
-            "move it to another."
-        )
-    names = kept_meshes.moving_names(objects_of(crowd))
-    if names:
-        yield (
-            f"The terrain moves ({', '.join(names[:3])}): agents stand on it as it is now, in "
-            f"all frames."
-        )
+    for name in inside:
+        yield Message(Kind.TERRAIN_OF_CHARACTERS, name, {"collection": top.name})
+    for name in kept_meshes.moving_names(objects_of(crowd)):
+        yield Message(Kind.TERRAIN_MOVES, name)
 
 
 def _name(crowd) -> str:

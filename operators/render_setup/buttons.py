@@ -23,6 +23,7 @@ from ..scene.frame_plan import SceneMoment, frame_of
 from ..scene.plan_verdict import plan_verdict
 from ..scene.scene_crowd import SceneCrowd, read_crowd, trajectory_of
 from ..settings import needs
+from ..settings.cost_table import keep_costs
 from ..sources.crowd_sources import check_recorded
 from ..sources.record_points import shared_record
 from .bake import bake
@@ -140,7 +141,7 @@ class CROWDLOD_OT_estimate(Stepwise, bpy.types.Operator):
 
     def work(self, scene: bpy.types.Scene) -> Generator[float, None, str]:
         costs = yield from estimate(scene)
-        scene.crowd_lod.estimate = costs.table
+        keep_costs(scene.crowd_lod, costs.table)
         return costs.sentence
 
 

@@ -38,14 +38,13 @@ from ..scene.frame_plan import frame_by_policy
 from ..scene.scene_crowd import SceneCrowd, home_of, policy_of, read_crowd
 from ..scene.scene_occluders import STAGE
 from ..scene.shot_reference import use_of
+from ..settings.cost_table import FULL, Case, Cost, CostTable
 from ..sources.record_points import on_record
 from .buckets import members
 from .character_images import image_bytes, images_of, uses_cache
 from .phase_characters import meshes_of_plan
 from .render_setup import check_levels
 
-FULL = "Full Detail"
-CHOICES = {"BY_RATIO": "By Distance", "BY_TOLERANCE": "By Tolerance"}
 CACHED = 0.01  # part of an image's memory that far agents take from the texture cache
 LEAST_HIDDEN = 0.1  # part of the agents in the picture below which hiding them gains little
 LEAST_IN_CYCLES = 10_000  # hidden agents of a frame: 17 MB and 0.1 s (docs/notes/occlusion.md)
@@ -66,8 +65,7 @@ class Choice:
 class Estimate:
     """The work that builds give the engine, for each choice of LODs.
 
-    works: the choice's name in the interface -> the work that its build gives the engine in the
-        frames `looked_at`.
+    works: of each case, in the frames `looked_at`.
     costs: of the engine, on the machine that renders.
     frames: those of the shot.
     looked_at: those of them that were planned.
@@ -77,7 +75,7 @@ class Estimate:
     refused: sentences on the scenery that hides nobody.
     """
 
-    works: dict[str, Work]
+    works: dict[Case, Work]
     costs: Costs
     frames: Sequence[int]
     looked_at: Sequence[int]
@@ -86,48 +84,40 @@ class Estimate:
     refused: tuple[str, ...] = ()
 
     @cached_property
-    def prices(self) -> dict[str, Price]:
-        """Return the cost of each choice."""
-        return {name: price(work, self.costs) for name, work in self.works.items()}
+    def prices(self) -> dict[Case, Price]:
+        """Return the cost of each case."""
+        return {case: price(work, self.costs) for case, work in self.works.items()}
 
     @property
-    def rows(self) -> list[tuple[str, str, str]]:
-        """Return (choice, memory, time) of each choice as text.
-
-        The time is a part of that at full detail.
-        """
-        whole = self.prices[FULL]
-        return [
-            (name, byte_size(price.memory), f"{price.share(whole).seconds:.0%}")
-            for name, price in self.prices.items()
-        ]
+    def table(self) -> CostTable:
+        whole = next(price for case, price in self.prices.items() if case.choice == FULL)
+        costs = {
+            case: Cost(price.memory, price.share(whole).seconds)
+            for case, price in self.prices.items()
+        }
+        return CostTable(self.costs.engine, costs)
 
     @property
     def as_json(self) -> dict:
-        """Return the prices as plain data: MB, and time as a part of that at full detail."""
-        whole = self.prices[FULL]
+        """Return the table as plain data: MB, and time as a part of that at full detail."""
         return {
-            name: {
-                "memory_mb": round(price.memory / 1e6, 1),
-                "time_share": round(price.share(whole).seconds, 3),
+            self._title(case): {
+                "memory_mb": round(cost.memory / 1e6, 1),
+                "time_share": round(cost.time, 3),
             }
-            for name, price in self.prices.items()
+            for case, cost in self.table.costs.items()
         }
 
-    @property
-    def table(self) -> str:
-        """Return the rows under their heads as text: a line each, tabs between columns."""
-        head = (
-            f"{NAMES[self.costs.engine]}, {self.frames[0]} to {self.frames[-1]}",
-            "Memory",
-            "Time",
-        )
-        return "\n".join("\t".join(row) for row in (head, *self.rows))
+    def _title(self, case: Case) -> str:
+        """Return what a case is called; a bake is told from the live build of the same LODs."""
+        beside = case.is_baked and Case(case.choice) in self.works
+        return f"{case.title}, Baked" if beside else case.title
 
     @property
     def sentence(self) -> str:
         costs = "; ".join(
-            f"{name}: memory {memory}, time {time}" for name, memory, time in self.rows
+            f"{self._title(case)}: memory {byte_size(cost.memory)}, time {cost.time:.0%}"
+            for case, cost in self.table.costs.items()
         )
         return (
             f"The crowd in {NAMES[self.costs.engine]}, {shot_frames(self.frames)}: {costs}. "
@@ -152,7 +142,7 @@ class Estimate:
 
 
 def choices_of(settings) -> dict[str, Choice]:
-    """Return the choices of LODs of a crowd with these settings, by their names.
+    """Return the choices of LODs of a crowd with these settings, by keys of TITLES.
 
     They are: full detail; by distance, from the settings; and by tolerance, with the LOD meshes
     that there are. CrowdError if LOD meshes are not made.
@@ -166,19 +156,21 @@ def choices_of(settings) -> dict[str, Choice]:
         )
     full = np.array([counts[0] for counts in triangles_of], np.float64)[:, None]
     choices = {FULL: Choice(LevelPolicy(()), full)}
-    for choice, name in CHOICES.items():
+    for choice in ("BY_RATIO", "BY_TOLERANCE"):
         # the other's settings may be anything
         with nullcontext() if choice == settings.choice else suppress(CrowdError):
             policy = policy_of(settings, choice)
             if choice == settings.choice or (
                 choice == "BY_TOLERANCE" and deviations(groups, policy) is not None
             ):
-                choices[name] = Choice(
+                choices[choice] = Choice(
                     policy,
                     np.array([counts[: policy.count] for counts in triangles_of], np.float64),
                 )
             elif choice == "BY_RATIO":
-                choices[name] = Choice(policy, full * np.round(settings.ratios[: policy.count], 6))
+                choices[choice] = Choice(
+                    policy, full * np.round(settings.ratios[: policy.count], 6)
+                )
     return choices
 
 
@@ -209,9 +201,8 @@ def estimate(
     views = yield from whole.take(_look_at(crowd, choices, looked_at), 1)
     of_plan = yield from whole.take(meshes_of_plan(crowd))
     works = {}
-    mine = CHOICES[settings.choice]
     costs = scene_data.costs_of(scene)
-    for name, choice in choices.items():
+    for key, choice in choices.items():
         actors = Actors(
             choice.triangles,
             owner,
@@ -219,20 +210,23 @@ def estimate(
             stored_triangles(choice.triangles),
             finest=np.array(choice.policy.finest or [0] * len(trajectory.groups)),
             moved_as=cast.moved_as,
-            held=of_plan if name == mine else None,
+            held=of_plan if key == settings.choice else None,
         )
-        agents_shown = views.agents_shown[name]
+        agents_shown = views.agents_shown[key]
         used = agents_shown.any(axis=(0, 1))
         in_bake = replace(actors, holdings=cast.baked(frames, trajectory, library, used))
-        for baked in (known,) if known or name != mine else (False, True):
+        cases = [Case(key, known)]
+        if key == settings.choice and not known:
+            cases.append(Case(key, True))
+        for case in cases:
+            baked = case.is_baked
             work = work_of(in_bake if baked else actors, agents_shown, views.rays, baked)
             # the objects of another choice are not made: it counts with the images of all
             objects = settings.levels.all_objects
-            if name == mine:
+            if key == settings.choice:
                 is_held = actors.held_by(agents_shown, baked)
                 objects = _objects_held(crowd, is_held, owner)
-            full_name = f"{name}, Baked" if baked and not known else name
-            works[full_name] = _with_images(scene, work, objects)
+            works[case] = _with_images(scene, work, objects)
     hidden = views.hidden, views.hidden_agents, views.refused
     return Estimate(works, costs, frames, looked_at, *hidden)
 
@@ -252,8 +246,7 @@ def _with_images(scene: bpy.types.Scene, work: Work, objects: Iterable[bpy.types
 class _Seen(NamedTuple):
     """What F frames show.
 
-    agents_shown: by the name of a choice of LODs, how many agents show each, (F, K, L); see
-        work_of.
+    agents_shown: by choice of LODs, how many agents show each, (F, K, L); see work_of.
     rays: (F,) float64, samples of the pixels that agents cover.
     hidden: part of the agents in the picture that scenery hides with their shadows, or None.
     hidden_agents: their number, the mean of the frames.
@@ -276,9 +269,8 @@ def _look_at(
     """
     scene = crowd.scene
     settings = crowd.settings
-    mine = CHOICES[settings.choice]
     samples = scene_data.samples_of(scene)
-    agents_shown: dict[str, list[np.ndarray]] = {name: [] for name in choices}
+    agents_shown: dict[str, list[np.ndarray]] = {key: [] for key in choices}
     rays = []
     hidden_agents = 0
     in_picture = 0
@@ -290,18 +282,18 @@ def _look_at(
             moment = lights.read_moment(scene, time, at)
             yield from whole.take(reading(scene))
             use = use_of(crowd.at_present_frame(), time, moment.eyes)
-            for name, choice in choices.items():
+            for key, choice in choices.items():
                 chosen = replace(crowd, policy=choice.policy)
                 frame = yield from progress.run_in_thread(partial(frame_by_policy, chosen, moment))
-                if name == mine:
+                if key == settings.choice:
                     frame = use.applied(frame)
-                agents_shown[name].append(_count_shown(frame, crowd, choice.policy.count))
+                agents_shown[key].append(_count_shown(frame, crowd, choice.policy.count))
             rays.append(samples * covered(frame))
             hidden_agents += hidden_wholly(frame)
             visible = len(frame.without_worn(frame.buckets).order)
             in_picture += hidden_wholly(frame) + visible
             yield whole.did(1)
-    counts = {name: np.array(rows) for name, rows in agents_shown.items()}
+    counts = {key: np.array(rows) for key, rows in agents_shown.items()}
     share_hidden = hidden_agents / max(in_picture, 1) if settings.occlusion else None
     planned = max(len(numbers) * len(choices), 1)
     refused = tuple(item.reason for item in moment.around.left_out if item.stage == STAGE)

@@ -83,7 +83,7 @@ def columns_by_bucket(
     The agents stand as in `crowd`. For mesh_data.write_points.
 
     position: meters, world space.
-    heading, of agents on slopes also pitch and roll (see maps.lean): radians.
+    heading, of agents on slopes also pitch and roll (see height_map.lean): radians.
     phase, group: those of the agent.
     pose: which of the `library`'s characters the agent shows, of the frame of `shown_crowd`.
     size: of agents of other sizes, how much more than 1 their scale is.

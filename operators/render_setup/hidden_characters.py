@@ -6,6 +6,7 @@ There they would stand in the picture, uncounted.
 import bpy
 
 from ..characters.glow import notes_on_glow
+from ..settings.messages import in_words
 
 HIDDEN = (
     # custom property of the build's collection: the characters' collection, if the build hides it
@@ -80,8 +81,8 @@ def notes_on_characters(scene: bpy.types.Scene) -> str:
     """Return sentences on the characters in renders of the built scene: where they went, and who
     glows.
     """
-    glow = notes_on_glow(scene) if scene.render.engine == "CYCLES" else ()
-    return " ".join(filter(None, (_told_of_hiding(scene), *glow)))
+    glow = in_words(notes_on_glow(scene)) if scene.render.engine == "CYCLES" else ()
+    return " ".join(filter(None, (_told_of_hiding(scene), *(line.sentence for line in glow))))
 
 
 def _told_of_hiding(scene: bpy.types.Scene) -> str:

@@ -20,7 +20,7 @@ from ...crowd_lod.format import counted, printable
 from ...crowd_lod.frame.frame_range import spread_evenly
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.levels.assignment import LevelPolicy
-from ...crowd_lod.progress import constant_progress, sub_progress
+from ...crowd_lod.progress import Work
 from ...crowd_lod.reporting import error_plots
 from ...crowd_lod.reporting import files as outputs
 from ...crowd_lod.reporting import tables as report
@@ -46,14 +46,15 @@ def error(
     """
     with outputs.staged(folder) as stage:
         cameras.active_camera(scene)
-        groups = yield from constant_progress(measuring_groups(scene), 0.0)
+        work = Work(2)  # walking to the views takes about as long as measuring
+        groups = yield from work.take(measuring_groups(scene))
         store_groups(scene.crowd_lod, groups)
         crowd = read_crowd(scene)
         walk = _walk_of(crowd)
-        views = yield from sub_progress(_views(crowd), 0.0, 0.5)
+        views = yield from work.take(_views(crowd), 1)
         agents = error_vs_runtime.thin_out(walk.start, MOST_AGENTS)
         measurements = _measurements(crowd, walk, agents, views, repeats)
-        tables = yield from sub_progress(_collect(measurements), 0.5, 1.0)
+        tables = yield from work.take(_collect(measurements), 1)
         machine = (
             f"{machine_name()}; {len(agents):,} of {len(crowd.trajectory.start):,} agents, "
             f"medians of {counted(repeats, 'run')}"
@@ -84,8 +85,9 @@ def _views(crowd: SceneCrowd) -> Generator[float, None, list[error_vs_runtime.Vi
     trajectory = crowd.trajectory
     frames = spread_evenly(scene_data.frames_of(scene, scene.crowd_lod.step), VIEWS)
     view_cameras = cameras.cameras_at(scene, frames)
-    for k, frame in enumerate(frames):
-        yield from sub_progress(approach(trajectory, frame), k / len(frames), (k + 1) / len(frames))
+    work = Work(len(frames))
+    for frame in frames:
+        yield from work.take(approach(trajectory, frame), 1)
     return [
         (error_vs_runtime.thin_out(trajectory.at(frame), MOST_AGENTS), camera)
         for frame, camera in zip(frames, view_cameras, strict=True)
@@ -97,12 +99,12 @@ class _Measurement(NamedTuple):
 
     rows: yields them.
     count: about how many there are.
-    part: of the time.
+    cost: of a row.
     """
 
     rows: Iterator[dict]
     count: int
-    part: float
+    cost: float
 
 
 def _measurements(
@@ -126,10 +128,10 @@ def _measurements(
         views, spheres.center, spheres.radius, _by_distance(policy), repeats
     )
     return {
-        "behavior": _Measurement(steps, 15, 0.6),
-        "drift": _Measurement(drifts, 12, 0.1),
-        "culling": _Measurement(culling, 17, 0.15),
-        "levels": _Measurement(levels, 12, 0.15),
+        "behavior": _Measurement(steps, 15, 4.0),
+        "drift": _Measurement(drifts, 12, 0.8),
+        "culling": _Measurement(culling, 17, 0.9),
+        "levels": _Measurement(levels, 12, 1.2),
     }
 
 
@@ -138,14 +140,12 @@ def _collect(
 ) -> Generator[float, None, dict[str, list[dict]]]:
     """Return the rows of each table; yields the progress."""
     tables: dict[str, list[dict]] = {}
-    progress = 0.0
+    work = Work(sum(each.cost * each.count for each in measurements.values()))
     for name, measurement in measurements.items():
         tables[name] = []
         for row in measurement.rows:
             tables[name].append(row)
-            part = measurement.part * len(tables[name]) / measurement.count
-            yield min(progress + part, 0.99)
-        progress += measurement.part
+            yield work.did(measurement.cost)
     return tables
 
 

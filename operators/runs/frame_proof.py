@@ -12,7 +12,7 @@ import numpy as np
 from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import HIDDEN, note_of
-from ...crowd_lod.progress import constant_progress, run_in_thread, sub_progress
+from ...crowd_lod.progress import Work, run_in_thread
 from ...crowd_lod.reporting.png_file import save_png
 from ...crowd_lod.validation import image_difference
 from ...crowd_lod.validation.judged_agents import JudgedAgent, choose_agents
@@ -38,8 +38,9 @@ from .verify_pictures import (
 )
 from .verify_stage import Verify, add_twins, dark_world, light_by
 
+# What a frame costs: walking there, the whole pictures, the crops of single agents.
+WALK, PICTURE, CROP = 1, 5, 4
 FULL = Bucket(Kind.LOD, 0)  # of the build at full detail
-CROPS = 0.4  # of a frame's time
 
 
 @dataclass
@@ -110,10 +111,11 @@ class Proof:
         scene = self.scene
         trajectory = self.crowd.trajectory
         time = scene_data.remap(scene.render, number)
-        yield from sub_progress(approach(trajectory, time), 0.0, 0.1)
+        work = Work(WALK + PICTURE + CROP)
+        yield from work.take(approach(trajectory, time), WALK)
         moment = lights.read_moment(scene, time, self.at)
         self.at((), time)  # back from the times of the shutter: renders follow
-        yield from constant_progress(reading(scene), 0.1)
+        yield from work.take(reading(scene))
         planned = frame_of(self.crowd.at_present_frame(), moment)
         poses = frame_update.held_by(self.crowd, number, planned.crowd)
         rows = self.proved.rows(trajectory, planned, poses, number)
@@ -126,18 +128,14 @@ class Proof:
             "mirrored": len(agents_of[Kind.MIRROR]),
             "strangers": strangers,
         }
-        differences = yield from sub_progress(
-            self._compare(number, planned, poses, rows, agents_of), 0.1, 1 - CROPS
-        )
+        comparing = self._compare(number, planned, poses, rows, agents_of)
+        differences = yield from work.take(comparing, PICTURE)
         row |= differences
         judged_agents, pairs = self._choose(number, planned, poses, rows)
         crops = []
         for judged, pair in zip(judged_agents, pairs, strict=True):
-            progress = 1 - CROPS * (1 - len(crops) / len(pairs))
-            crop = yield from constant_progress(
-                lone_crop(self.alone, number, judged, pair), progress
-            )
-            crops.append(crop)
+            cropping = lone_crop(self.alone, number, judged, pair)
+            crops.append((yield from work.take(cropping, CROP / len(pairs))))
         agents = [crop.facts for crop in crops]
         row |= agents_row(agents, _tolerance(scene, planned))
         rounded = row["b_largest"] <= DISPLACED and bool(displaced_materials(scene))
@@ -146,8 +144,8 @@ class Proof:
         pictures = self.pictures(number)
         if crops:
             pictures.append(self.folder / f"frame_{number:04d}_agents.png")
-            sheet = yield from constant_progress(sheet_of(crops), 1.0)
-            yield from constant_progress(run_in_thread(partial(save_png, pictures[-1], sheet)), 1.0)
+            sheet = yield from work.take(sheet_of(crops))
+            yield from work.take(run_in_thread(partial(save_png, pictures[-1], sheet)))
         account = {
             "row": row,
             "agents": agents,
@@ -179,11 +177,13 @@ class Proof:
             "bare": {FULL: agents_of[Kind.LOD]},
         }
         worlds = scene.world, dark_world(scene.world)
-        for times, count in enumerate((0, bounces)[: 1 + (bounces > 0)]):
+        bounce_counts = (0, bounces) if bounces else (0,)
+        work = Work(len(bounce_counts) * len(PICTURES))
+        for count in bounce_counts:
             light_by(scene, count, worlds)
             ending = "_bounces" if count else ""
             shot = {}
-            for pictures_done, name in enumerate(PICTURES):
+            for name in PICTURES:
                 if name in members:
                     trajectory = planned.trajectory
                     self._write(
@@ -197,17 +197,16 @@ class Proof:
                 path = self.folder / f"frame_{number:04d}_{name}{ending}.png"
                 with small(scene, self.size):
                     render_picture(scene, path)
-                progress = (times + (pictures_done + 1) / len(PICTURES)) / (1 + (bounces > 0))
-                yield progress
-                shot[name] = yield from constant_progress(develop_picture(scene, path), progress)
+                yield work.did(1)
+                shot[name] = yield from work.take(develop_picture(scene, path))
             for name in COMPARED:
-                yield (times + 1) / (1 + (bounces > 0))
                 differing = partial(image_difference.difference_of, shot["a"], shot[name])
-                difference = yield from run_in_thread(differing)
+                difference = yield from work.take(run_in_thread(differing))
                 row |= {f"{name}{ending}_{key}": value for key, value in vars(difference).items()}
-                picture = yield from run_in_thread(partial(amplified, shot["a"], shot[name]))
+                amplifying = run_in_thread(partial(amplified, shot["a"], shot[name]))
+                picture = yield from work.take(amplifying)
                 path = self.folder / f"frame_{number:04d}_a_{name}{ending}.png"
-                yield from run_in_thread(partial(save_png, path, picture))
+                yield from work.take(run_in_thread(partial(save_png, path, picture)))
         scene.world = worlds[0]
         return row
 

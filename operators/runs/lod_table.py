@@ -13,7 +13,7 @@ import numpy as np
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.levels.assignment import pixels_of
-from ...crowd_lod.progress import constant_progress, run_in_thread, sub_progress
+from ...crowd_lod.progress import Work, run_in_thread
 from ...crowd_lod.reporting.png_file import save_png
 from ...crowd_lod.validation import silhouette
 from ..blender import scene_data
@@ -30,6 +30,8 @@ from ..scene.scene_crowd import SceneCrowd
 from . import lod_picture
 
 MOST_SHOWN = 12  # character groups whose silhouettes are measured and that have a picture
+# What a group costs: measuring its silhouettes, drawing the picture.
+MEASURED, DRAWN = 7, 3
 AZIMUTH = np.radians(35)  # of the picture's eye, from where the character faces
 
 
@@ -49,6 +51,7 @@ def tables(
     groups = crowd.trajectory.groups
     finest = crowd.policy.finest or [0] * len(groups)
     pictured = len(groups[:MOST_SHOWN])
+    work = Work((MEASURED + DRAWN) * pictured)
     for g, (group, (_, objects, origin)) in enumerate(zip(groups, crowd.characters, strict=True)):
         character = _Pictured(scene, group, g, camera, begins[g], np.array(origin), objects)
         entry = {
@@ -61,14 +64,14 @@ def tables(
         entries.append(entry)
         if g < pictured:
             measuring = character.measure(entry["levels"])
-            views = yield from sub_progress(measuring, g / pictured, (g + 0.7) / pictured)
+            views = yield from work.take(measuring, MEASURED)
             if None not in views:
                 entry["picture"] = _file_name(group.name, g, file_names)
                 drawing = character.draw(entry["levels"], views)
-                pixels = yield from constant_progress(drawing, (g + 0.7) / pictured)
+                pixels = yield from work.take(drawing)
                 saving = run_in_thread(partial(save_png, folder / entry["picture"], pixels))
-                yield from constant_progress(saving, (g + 0.9) / pictured)
-            yield (g + 1) / pictured
+                yield from work.take(saving)
+            yield work.did(DRAWN)
     return entries
 
 
@@ -127,6 +130,7 @@ class _Pictured:
         """
         materials = Looks()
         views = []
+        work = Work(len(rows))
         with Posed(self.objects, self.meshes, self.performance) as posed:
             # the LOD that deviates most gives LOD 0 its pose
             for done, k in enumerate((len(rows) - 1, *range(1, len(rows)))):
@@ -137,11 +141,12 @@ class _Pictured:
                 looking = run_in_thread(
                     partial(look_in_pose, whole, character, levels[k if done else 0])
                 )
-                views.append((yield from constant_progress(looking, done / len(rows))))
+                views.append((yield from work.take(looking)))
                 if done:
                     predicted = rows[k]["predicted_px"] or 1.0
                     measuring = self._measured(posed, k, predicted, materials)
-                    rows[k] |= yield from constant_progress(measuring, (done + 0.3) / len(rows))
+                    rows[k] |= yield from work.take(measuring)
+                yield work.did(1)
         return views
 
     def _measured(

@@ -182,9 +182,9 @@ def lone_crop(
     finer, window, size = _finer(judged)
     stage.look(judged.camera, window, size)
     full = stage.render(number, pair[0])
-    yield 0.5
+    yield 0.0
     as_built = stage.render(number, pair[1])
-    yield 1.0
+    yield 0.0
     facts = yield from run_in_thread(partial(facts_of, judged, full, as_built, finer))
     return LoneCrop(full, as_built, facts)
 

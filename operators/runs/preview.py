@@ -18,7 +18,7 @@ from ...crowd_lod.frame.frame_range import spread_evenly
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import note_of, unplanned_notes
 from ...crowd_lod.levels.assignment import deviations
-from ...crowd_lod.progress import constant_progress, run_in_thread, sub_progress
+from ...crowd_lod.progress import Work, after_quarter, run_in_thread
 from ...crowd_lod.reporting import tables
 from ...crowd_lod.reporting.frame_parts import FrameParts
 from ...crowd_lod.reporting.html_report import page
@@ -33,6 +33,7 @@ from ..characters.cast_provenance import reading
 from ..characters.group_measuring import measuring_groups
 from ..characters.stored_groups import groups_of, store_groups
 from ..freshness.artifacts import to_make_again
+from ..lod_meshes.costs import lacking_seconds
 from ..lod_meshes.deviation import measure_levels
 from ..lod_meshes.make_lods import make_levels
 from ..overlay.agent_colors import by_level
@@ -43,7 +44,14 @@ from ..scene import lights
 from ..scene.frame_plan import frame_of, moment_now
 from ..scene.scene_crowd import SceneCrowd, characters_of, read_crowd
 from ..settings import needs
-from ..shot.shot_plan import PlannedShot, plan_shot, shot_json, wanted_of, write_levels
+from ..shot.shot_plan import (
+    PlannedShot,
+    plan_seconds,
+    plan_shot,
+    shot_json,
+    wanted_of,
+    write_levels,
+)
 from ..sources.record_points import on_record
 from . import lod_table, top_view
 from .lettering import Legend, labeled_sheet
@@ -52,11 +60,8 @@ from .preview_stage import Preview, Rendered, Staged, leaves_out, shade, sized, 
 from .shared_frames import ALONE, Sharing, make_frames, state_of
 
 MOST_IN_SHEET = 24  # frames on the contact sheet
+LOD = 2.0  # seconds, about, that a LOD's picture and its row in the table take
 BEHAVIOR = 0.9  # of a frame's time, where the way to it is long
-# of the progress: LODs made or measured, the shot planned
-LEVELS = 0.1
-PLANNED = 0.1
-LOD = 2.0  # frames of the preview that take as long as a LOD's picture and its row in the table
 # agents times frames that a preview plans first; longer shots take Plan Shot
 MOST_PLANNED = 30_000_000
 LEFT_OUT = "The characters themselves are left out of the pictures (see Keep in Renders)."
@@ -82,32 +87,36 @@ def preview(
     ):
         started = clock.perf_counter()
         _check(scene, task)
-        ready = 0.0
+        lacking = lacking_seconds(scene)
+        describing = LOD * scene.crowd_lod.level_count * len(characters_of(scene))
+        work = Work(lacking + describing + after_quarter(lacking + describing))
         if sharing.jobs > 1:  # all processes take the LODs from the file
-            ready = yield from _with_levels(scene)
+            yield from work.take(_with_levels(scene), lacking)
             sharing.save(folder)
         on = staged(scene, task)
-        ready += yield from sub_progress(_with_levels(on.stage), ready, ready + 1)
+        yield from work.take(_with_levels(on.stage), lacking_seconds(on.stage))
         plan_folder = (
             folder
             if sharing.part is None
             else Path(opened.enter_context(tempfile.TemporaryDirectory()))
         )
         crowd = read_crowd(on.stage)  # the LODs are there now
-        shot = yield from sub_progress(
-            _planned_shot(crowd, task, plan_folder), ready, ready + PLANNED
-        )
-        ready += PLANNED * (shot is not None)
+        planning = plan_seconds(on.stage, _span(task)) if _lacks_plan(crowd, task) else 0.0
+        describing = LOD * lod_table.count_pictured(crowd.trajectory.groups)
+        ready = planning + describing
+        work.announce(ready + after_quarter(lacking + ready))
+        shot = None
+        if _lacks_plan(crowd, task):
+            shot = yield from work.take(_plan(crowd, task, plan_folder), planning)
         run = _begin(crowd, on, folder, opened)
-        lods, frames, legends = yield from _picture(run, sharing, ready)
+        lods, frames, legends = yield from _picture(run, sharing, work)
         if sharing.part is not None:
             return {"frames": [frame["row"] for frame in frames]}
-        plan = yield from constant_progress(_describe(run, command, lods, frames), 0.95)
+        plan = yield from work.take(_describe(run, command, lods, frames))
         if shot is not None:
             plan |= {key: shot_json(shot)[key] for key in ("made_for", "shot")}
         plan["seconds"] = round(clock.perf_counter() - started, 3)
-        yield from constant_progress(_write(run, frames, plan, shot, legends), 0.95)
-        yield 1.0
+        yield from work.take(_write(run, frames, plan, shot, legends))
         return plan
 
 
@@ -136,9 +145,9 @@ def _begin(crowd: SceneCrowd, on: Staged, folder: Path, opened: contextlib.ExitS
 
 
 def _picture(
-    run: "_Run", sharing: Sharing, ready: float
+    run: "_Run", sharing: Sharing, work: Work
 ) -> Generator[float, None, tuple[list[dict], list[dict], list[Legend]]]:
-    """Picture the LODs and the frames: yield the progress, from `ready` to 0.95.
+    """Picture the LODs and the frames: yield the progress.
 
     Returns (what is told of the LODs, what is told of each frame, see FrameParts.store, the
     legends of the pictures' colors).
@@ -149,15 +158,13 @@ def _picture(
     legends = []
     with sharing.helped(run.folder, frames) as helpers:
         if sharing.part is None:  # while other processes make frames
-            first = yield from constant_progress(run.at_first(), ready)
+            first = yield from work.take(run.at_first())
             legends = legends_of(run.on.task.color, first)
+            cost = LOD * lod_table.count_pictured(run.crowd.trajectory.groups)
             describing = lod_table.tables(run.crowd, first.camera, first.begins, run.folder)
-            work = LOD * lod_table.count_pictured(run.crowd.trajectory.groups)
-            described = ready + (0.95 - ready) * work / (work + len(frames))
-            lods = yield from sub_progress(describing, ready, described)
-            ready = described
+            lods = yield from work.take(describing, cost)
         making = make_frames(parts, frames, sharing, run.shots.prepare, run.shoot, helpers)
-        pictured = yield from sub_progress(making, ready, 0.95)
+        pictured = yield from work.take(making, work.left)
     return lods, pictured, legends
 
 
@@ -205,43 +212,44 @@ def _write(
     yield from run_in_thread(partial(save_png, folder / "contact_sheet.png", sheet))
 
 
-def _with_levels(stage: bpy.types.Scene) -> Generator[float, None, float]:
-    """Measure the characters, and make or measure LODs where they lack: yield the progress, return
-    it.
+def _with_levels(stage: bpy.types.Scene) -> Iterator[float]:
+    """Measure the characters, and make or measure LODs where they lack; yields the progress.
 
     CrowdError if something is wrong with the scene: it is said before the work begins.
     """
     layer = stage.view_layers[0]
     settings = stage.crowd_lod
     layer.update()
-    store_groups(settings, (yield from constant_progress(measuring_groups(stage), 0.0)))
+    store_groups(settings, (yield from measuring_groups(stage)))
     crowd = read_crowd(stage)
-    yield from constant_progress(approach(crowd.trajectory, scene_data.time_of(stage)), 0.0)
+    yield from approach(crowd.trajectory, scene_data.time_of(stage))
     frame_of(crowd, moment_now(stage, layer.depsgraph))
     if settings.levels is not None and deviations(groups_of(settings), crowd.policy) is not None:
-        return 0.0
-    yield from sub_progress(
-        (make_levels if settings.levels is None else measure_levels)(stage), 0.0, LEVELS
-    )
-    return LEVELS
+        return
+    yield from make_levels(stage) if settings.levels is None else measure_levels(stage)
 
 
-def _planned_shot(
-    crowd: SceneCrowd, task: Preview, folder: Path
-) -> Generator[float, None, PlannedShot | None]:
-    """Plan the shot of the preview's frames, unless the scene has a plan: yield the progress,
+def _span(task: Preview) -> range:
+    """Return all frames from the preview's first to its last."""
+    return range(task.frames[0], task.frames[-1] + 1)
+
+
+def _lacks_plan(crowd: SceneCrowd, task: Preview) -> bool:
+    """Return whether the preview plans its shot: the scene has no plan, and there is one to make.
+
+    There is none of one frame or one LOD. Too much is left to Plan Shot.
+    """
+    most = MOST_PLANNED / max(len(crowd.trajectory.start), 1)
+    return not crowd.settings.shot_plan and crowd.policy.count > 1 and 1 < len(_span(task)) <= most
+
+
+def _plan(crowd: SceneCrowd, task: Preview, folder: Path) -> Generator[float, None, PlannedShot]:
+    """Plan the shot of the preview's frames, which the stage then follows: yield the progress,
     return it.
-
-    The stage then shows its LODs. None if there is nothing to plan: one frame, one LOD, or too
-    much.
     """
     stage = crowd.scene
     settings = crowd.settings
-    frames = range(task.frames[0], task.frames[-1] + 1)
-    most = MOST_PLANNED / max(len(crowd.trajectory.start), 1)
-    if settings.shot_plan or crowd.policy.count < 2 or not 1 < len(frames) <= most:
-        return None
-    planned = yield from plan_shot(stage, wanted_of(stage, folder, frames))
+    planned = yield from plan_shot(stage, wanted_of(stage, folder, _span(task)))
     write_levels(folder, planned)
     settings.shot_plan = str(folder / plan_file.NAME)
     settings.use_shot_plan = True
@@ -280,8 +288,9 @@ class _Run:
         """
         stage = self.on.stage
         main, above = self.pictures(number)
-        yield from sub_progress(self.approach(number), 0.0, BEHAVIOR)
-        frame = yield from constant_progress(self.planned(number), BEHAVIOR)
+        steps = Work(1.0)
+        yield from steps.take(self.approach(number), BEHAVIOR)
+        frame = yield from steps.take(self.planned(number))
         caption = stage.render.stamp_note_text = _caption(frame)
         took = {}
         for part, work in (
@@ -289,7 +298,7 @@ class _Run:
             ("main", partial(self._shoot_main, main, caption)),
             ("above", partial(self._shoot_above, frame, above, caption)),
         ):
-            yield BEHAVIOR
+            yield steps.did(0.0)
             began = clock.perf_counter()
             work()
             took[part] = 1000 * (clock.perf_counter() - began)

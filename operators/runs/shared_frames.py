@@ -19,7 +19,7 @@ import bpy
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import printable
 from ...crowd_lod.frame.frame_range import frames_are
-from ...crowd_lod.progress import sub_progress
+from ...crowd_lod.progress import Work
 from ...crowd_lod.reporting import files, frame_parts
 from ...crowd_lod.reporting.frame_parts import FrameParts
 from ..blender import console
@@ -27,7 +27,7 @@ from ..scene.scene_crowd import SceneCrowd
 
 LOOK = 0.2  # seconds between two looks whether other processes have ended
 OPENED = "prepared.blend"  # in the folder of the records: what other processes open
-PREPARED = 0.02  # of the progress
+PREPARED = 0.1  # what preparing costs, of a frame
 Steps = Generator[float, None, Any]
 
 
@@ -146,23 +146,24 @@ def make_frames(
         )
     prepared = False
     own = numbers[:: 1 + len(helpers)]
+    work = Work(PREPARED + len(own))
     for turn in own, numbers:
-        for k, number in enumerate(turn):
+        for number in turn:
             facts[number] = facts[number] or parts.get(number)
             if facts[number] is not None:
+                work.did(1)
                 continue
             sharing.check_parent()
             if not prepared:
-                yield from sub_progress(prepare(), 0.0, PREPARED)
+                yield from work.take(prepare(), PREPARED)
                 prepared = True
-            steps = (PREPARED + (1 - PREPARED) * (k + end) / len(turn) for end in range(2))
-            new_facts, pictures = yield from sub_progress(make(number), *steps)
+            new_facts, pictures = yield from work.take(make(number), 1)
             # the folder may be another run's by now, and the plan that the frame follows gone
             sharing.check_parent()
             facts[number] = parts.store(number, new_facts, pictures)
         while any(helper.poll() is None for helper in helpers):
             clock.sleep(LOOK)
-            yield 1.0
+            yield work.did(0)
     return [frame_facts for frame_facts in facts.values() if frame_facts is not None]
 
 

@@ -10,7 +10,7 @@ import bpy
 
 from ...crowd_lod.errors import FAULTS, CrowdError
 from ...crowd_lod.errors import sentence as fault_sentence
-from ...crowd_lod.progress import constant_progress, sub_progress
+from ...crowd_lod.progress import Work
 from ..blender import scene_data
 from ..blender.operator import Stepwise
 from ..blender.provenance import name_inputs
@@ -28,20 +28,17 @@ from ..freshness.artifacts import (
     reasons,
 )
 from ..freshness.bake_frames import is_bake
+from ..lod_meshes.costs import lod_seconds
 from ..lod_meshes.make_lods import make_levels
 from ..render_setup.buttons import bake_frames, build_live
 from ..scene.populate import populate_scene
 from ..scene.scene_crowd import read_crowd
 from ..scene.shot_reference import changes_since_plan
 from ..settings import needs
-from ..shot.shot_plan import plan_of_settings
+from ..shot.shot_plan import plan_of_settings, plan_seconds
 
 # About how many seconds each step takes, for the progress.
 MEASURED = 1.0  # a character
-SEARCHED = 10.0  # the LODs of a character by tolerance
-MADE = 3.0  # by distance
-REPORTED = 1.5  # a plan's report and files
-PLANNED = 3.5e-7  # an agent in a frame
 BUILT = 2.0
 BAKED_FRAME = 0.03
 
@@ -51,12 +48,12 @@ class UpdateStep:
     """A step of Update All.
 
     artifact: what it makes.
-    seconds: that it takes, about.
+    seconds: returns about how many it takes.
     work: yields the progress, returns a sentence.
     """
 
     artifact: Artifact
-    seconds: float
+    seconds: Callable[[bpy.types.Scene], float]
     work: Callable[[bpy.types.Scene], Generator[float, None, str]]
 
     @property
@@ -98,23 +95,25 @@ def update_steps(scene: bpy.types.Scene, bakes: bool = False) -> tuple[UpdateSte
 
     bakes: whether to bake a scene that has no bake.
     """
-    settings = scene.crowd_lod
-    frames = len(scene_data.frames_of(scene))
-    make = SEARCHED if settings.choice == "BY_TOLERANCE" else MADE
-    bake = BUILT + BAKED_FRAME * frames
     last = (
-        UpdateStep(BAKE, bake, bake_frames)
-        if bakes or is_bake(settings.build)
-        else UpdateStep(BUILD, BUILT, build_live)
+        UpdateStep(BAKE, _bake_seconds, bake_frames)
+        if bakes or is_bake(scene.crowd_lod.build)
+        else UpdateStep(BUILD, lambda _: BUILT, build_live)
     )
-    plan = REPORTED + PLANNED * frames * settings.count
-    groups = len(settings.groups)
     return (
-        UpdateStep(CROWD, MEASURED * groups, _populate),
-        UpdateStep(LODS, make * groups, _make),
-        UpdateStep(PLAN, plan, plan_of_settings),
+        UpdateStep(CROWD, lambda scene: MEASURED * len(scene.crowd_lod.groups), _populate),
+        UpdateStep(LODS, lod_seconds, _make),
+        UpdateStep(PLAN, _plan_seconds, plan_of_settings),
         last,
     )
+
+
+def _plan_seconds(scene: bpy.types.Scene) -> float:
+    return plan_seconds(scene, scene_data.frames_of(scene))
+
+
+def _bake_seconds(scene: bpy.types.Scene) -> float:
+    return BUILT + BAKED_FRAME * len(scene_data.frames_of(scene))
 
 
 def due_steps(scene: bpy.types.Scene) -> dict[str, str]:
@@ -139,22 +138,20 @@ def update_all(
     it leaves the steps that are done, and undoes the one at work. CrowdError names the step that
     failed.
     """
-    yield from constant_progress(reading_afresh(scene), 0.0)
+    work = Work()
+    yield from work.take(reading_afresh(scene))
     steps = update_steps(scene, bakes)
-    begin = 0.0
     sentences: dict[str, str] = {}
     for k, step in enumerate(steps):
-        if (yield from constant_progress(_reason(scene, step, bakes), begin)):
+        work.announce(sum(later.seconds(scene) for later in steps[k:]))
+        if (yield from work.take(_reason(scene, step, bakes))):
             if sentences:
                 note(next(reversed(sentences)))
-            left = sum(later.seconds for later in steps[k:])
-            end = begin + (1 - begin) * step.seconds / left
             try:
-                sentences[step.label] = yield from sub_progress(step.work(scene), begin, end)
+                sentences[step.label] = yield from work.take(step.work(scene), step.seconds(scene))
             except FAULTS as fault:
                 raise CrowdError(_failed(step.label, sentences, fault)) from fault
-            yield from constant_progress(reading_afresh(scene), end)
-            begin = end
+            yield from work.take(reading_afresh(scene))
     look_again(scene)
     return sentences
 

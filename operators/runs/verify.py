@@ -12,7 +12,7 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame_range import spread_evenly
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import unplanned_notes
-from ...crowd_lod.progress import constant_progress, run_in_thread, sub_progress
+from ...crowd_lod.progress import Work, after_quarter, run_in_thread
 from ...crowd_lod.reporting import tables
 from ...crowd_lod.reporting.frame_parts import FrameParts
 from ...crowd_lod.reporting.png_file import save_png
@@ -22,6 +22,7 @@ from ..blender import cameras, cleanup, frame_stepping, image_data, removal, sce
 from ..characters.glow import glowing
 from ..characters.group_measuring import measuring_groups
 from ..characters.stored_groups import groups_of, store_groups
+from ..lod_meshes.costs import lacking_seconds
 from ..lod_meshes.make_lods import make_levels
 from ..render_setup import frame_update
 from ..scene.frame_plan import frame_of, moment_now
@@ -44,7 +45,6 @@ from .verify_stage import (
     without_shadows,
 )
 
-LODS_MADE = 0.05  # of the progress: LODs made
 # Settings of the crowd that a proof sets for a while, by making LODs and storing groups, too. The
 # others are the user's meanwhile.
 SET_MEANWHILE = (
@@ -77,15 +77,17 @@ def verify(
         left_out = never_shown(scene)
         not_proved = what_is_not_proved(scene, task)
         frames_proved = task.frames if sharing.part is None else sharing.part
-        proved = yield from constant_progress(build_of(scene, frames_proved), 0.0)
+        making = lacking_seconds(scene)
+        proving = after_quarter(making)
+        work = Work(making + proving)
+        proved = yield from work.take(build_of(scene, frames_proved))
         left_out += unlike_renders(scene, proved)
         size = _set_up(scene, task, proved, opened)
-        crowd = yield from _prepare_crowd(scene)
+        crowd = yield from work.take(_prepare_crowd(scene), making)
         sharing.save(folder)
         with frame_stepping.step_frames(scene) as at:
             run = Proof(crowd, task, folder, at, size, proved, LoneStage(scene, folder))
-            frames = yield from _prove_frames(run, sharing)
-        yield 0.95
+            frames = yield from work.take(_prove_frames(run, sharing), proving)
         if sharing.part is not None:
             return {"frames": [frame["row"] for frame in frames], "ok": True}
         result = _result(scene, task, command, frames)
@@ -93,8 +95,7 @@ def verify(
         result["left_out"] = left_out + result["left_out"]
         result["not_proved"] = not_proved
         result["ok"] = is_ok(result)
-        yield from _write(run, result)
-        yield 1.0
+        yield from work.take(_write(run, result))
         return result
 
 
@@ -151,12 +152,12 @@ def _prepare_crowd(scene: bpy.types.Scene) -> Generator[float, None, SceneCrowd]
     is said before the work begins.
     """
     settings = scene.crowd_lod
-    store_groups(settings, (yield from constant_progress(measuring_groups(scene), 0.0)))
+    store_groups(settings, (yield from measuring_groups(scene)))
     crowd = read_crowd(scene)
-    yield from constant_progress(approach(crowd.trajectory, scene_data.time_of(scene)), 0.0)
+    yield from approach(crowd.trajectory, scene_data.time_of(scene))
     frame_of(crowd, moment_now(scene, scene.view_layers[0].depsgraph))
     if settings.levels is None:
-        yield from sub_progress(make_levels(scene), 0.0, LODS_MADE)
+        yield from make_levels(scene)
         crowd = read_crowd(scene)  # its groups have LODs now
     return crowd
 
@@ -167,7 +168,7 @@ def _prove_frames(run: Proof, sharing: Sharing) -> Generator[float, None, list[d
     parts = FrameParts(run.folder, state_of(run.crowd, run.task))
     with sharing.helped(run.folder, frames) as helpers:
         making = make_frames(parts, frames, sharing, run.prepare, run.prove, helpers)
-        return (yield from sub_progress(making, LODS_MADE, 0.95))
+        return (yield from making)
 
 
 def _aim_nowhere(scene: bpy.types.Scene, opened: ExitStack) -> None:
@@ -195,12 +196,11 @@ def _write(run: Proof, result: dict[str, Any]) -> Iterator[float]:
     for number in frames:
         for path in run.pictures(number):
             tiles.append(image_data.load_pixels(path))
-            yield 0.95
+            yield 0.0
     lights = ("", "\nwith bounces") if run.task.bounces else ("",)
     labels = [f"Frame {number}{light}" for number in frames for light in lights]
-    sheet = yield from constant_progress(labeled_sheet(tiles, len(TITLES), TITLES, labels), 0.95)
-    saving = run_in_thread(partial(save_png, folder / "contact_sheet.png", sheet))
-    yield from constant_progress(saving, 0.95)
+    sheet = yield from labeled_sheet(tiles, len(TITLES), TITLES, labels)
+    yield from run_in_thread(partial(save_png, folder / "contact_sheet.png", sheet))
 
 
 def _result(

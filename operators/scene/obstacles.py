@@ -12,7 +12,6 @@ from ..machine.map_areas import meshes_in
 from ..machine.scene_world import area_of
 from .looking_around import Shape, shapes_near
 
-WALLS = "Walls from Selection"  # the label of the button that leads agents round them
 # meters above the ground: agents walk into what reaches into these heights
 BODY = (0.4, 1.5)
 GROUND = 0.2  # of the agents: what so many stand on is ground

@@ -5,6 +5,7 @@ crowd_lod/validation/plausibility.py judges; the scene is read here.
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import bpy
 import numpy as np
@@ -12,21 +13,20 @@ import numpy as np
 from ...crowd_lod.behavior.walk import Walk
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.crowd.terrain import Terrain
-from ...crowd_lod.format import counted, number
+from ...crowd_lod.messages import Kind, Message
 from ...crowd_lod.sources.recorded import Recorded
 from ...crowd_lod.sources.trajectory import Trajectory
 from ...crowd_lod.validation import plausibility as judge
 from ..blender import scene_data
 from ..characters.character_extent import unknown
-from ..characters.rig_needs import POSES, Characters, refusal, stands_for
+from ..characters.rig_needs import POSES, Characters, refusal
 from .looking_around import look_around
-from .obstacles import WALLS, find_obstacles
+from .obstacles import find_obstacles
 
 # times the largest sphere's radius, where a sphere is not known to hold its whole character
 MARGIN = 1.5
 MOST_LOOKED_AT = 200  # agents of a crowd that are compared with the scene about them
 MOST_STEPS = 1_000_000  # steps between rows of a file whose speeds are judged
-MOST_NAMES = 4  # of objects, in a sentence
 TIMES = 3  # moments of a file at which its agents are compared with the scene
 
 
@@ -37,8 +37,8 @@ def notes_on_plausibility(
     crowds: Sequence,
     parts: Sequence[Trajectory],
     depsgraph: bpy.types.Depsgraph,
-) -> Iterator[str]:
-    """Yield sentences on what is not as people are in the scene's `crowds`.
+) -> Iterator[Message]:
+    """Yield messages on what is not as people are in the scene's `crowds`.
 
     groups: the characters as just measured.
     parts: the trajectory of each crowd, as Populate has made it.
@@ -46,86 +46,63 @@ def notes_on_plausibility(
     yield from _heights(scene, groups)
     for crowd, part in zip(crowds, parts, strict=True):
         if crowd.use_crowd:
-            name = f"{crowd.name}: " if len(crowds) > 1 else ""
-            sentences = [*_motion(crowd, part), *_around(crowd, part, groups, depsgraph)]
-            yield from (name + sentence for sentence in sentences)
+            name = crowd.name if len(crowds) > 1 else ""
+            told = [*_motion(crowd, part), *_around(crowd, part, groups, depsgraph)]
+            yield from (replace(message, crowd=name) for message in told)
     yield from _poses(scene, characters, groups)
 
 
-def notes_on_feet(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
-    """Yield a sentence on groups moved to the ground, and one on groups left off it."""
-    for moved, begin in (
-        (True, "Raised so that their feet touch the ground"),
-        (False, "To touch the ground (see Stand on Ground), raise"),
-    ):
-        texts = [
-            f"{group.name} by {number(-group.lowest * scene_data.meters(scene))} m"
-            for group in groups
-            if group.lowest and group.on_ground == moved
-        ]
-        if texts:
-            yield f"{begin}: {', '.join(texts)}."
+def notes_on_feet(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[Message]:
+    """Yield messages on groups moved to the ground, then on groups left off it."""
+    for kind, moved in ((Kind.RAISED, True), (Kind.OFF_ITS_SOLES, False)):
+        for group in groups:
+            if group.lowest and group.on_ground == moved:
+                facts = {"rise": float(-group.lowest * scene_data.meters(scene))}
+                yield Message(kind, group.name, facts)
 
 
 def notes_on_extent(
     scene: bpy.types.Scene, characters: Characters, groups: Sequence[Group]
-) -> Iterator[str]:
-    """Yield a sentence on what renders may show of characters beyond the measured spheres."""
-    extents = [
-        f"{name} ({what})"
-        for name, objects, _ in characters
-        for what in dict.fromkeys(unknown(objects))
-    ]
-    if extents:
-        margin = number(MARGIN * max(group.radius for group in groups) * scene_data.meters(scene))
-        yield (
-            f"Renders may show more than was measured of {', '.join(extents)}: if it is missing at "
-            f"the picture's border, set Margin to Fixed, {margin} m or more."
-        )
+) -> Iterator[Message]:
+    """Yield messages on what renders may show of characters beyond the measured spheres."""
+    radius = max((group.radius for group in groups), default=0.0)
+    margin = float(MARGIN * radius * scene_data.meters(scene))
+    for name, objects, _ in characters:
+        for what in dict.fromkeys(unknown(objects)):
+            yield Message(Kind.UNKNOWN_EXTENT, name, {"what": what, "margin": margin})
 
 
-def _heights(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
+def _heights(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[Message]:
     groups = [group for group in groups if not group.variant_of]
     heights = np.array([group.height for group in groups]) * scene_data.meters(scene)
-    texts = [
-        f"{groups[g].name} is {number(heights[g])} m tall" for g in judge.check_heights(heights)
-    ]
-    if texts:
-        yield (
-            f"{', '.join(texts)}: if these are people, scale them to about 1.7 m, or set Unit "
-            f"Scale in the scene's Units."
-        )
+    for g in judge.check_heights(heights):
+        yield Message(Kind.HEIGHT, groups[g].name, {"height": float(heights[g])})
 
 
-def _motion(crowd, part: Trajectory) -> Iterator[str]:
-    """Yield sentences on how fast agents walk, and whether they climb."""
+def _motion(crowd, part: Trajectory) -> Iterator[Message]:
+    """Yield messages on how fast agents walk, and whether they climb."""
     meters = scene_data.meters(crowd.id_data)
     if isinstance(part, Recorded):
         agents, steps, seconds = _steps(part)
         ways = np.hypot(steps[0], steps[1]) * meters
         speeds = judge.median_speeds(agents, ways, seconds, len(part.tracks.ids))
-        yield from _speeds(judge.check_speeds(speeds, judge.HASTE), "check Frame Rate and Unit")
+        yield from _speeds(judge.check_speeds(speeds, judge.HASTE), from_file=True)
         samples = part.tracks.samples
         if samples.z is not None:
             heights = samples.z * meters
             if judge.check_climbs(ways, steps[2] * meters, samples.y * meters, heights):
-                yield (
-                    f"Agents climb by {number(np.ptp(heights))} m in the file: if y is up in it, "
-                    f"set Up to Y."
-                )
+                yield Message(Kind.CLIMBS, facts={"height": float(np.ptp(heights))})
     elif isinstance(part, Walk):
         paces = part.gaits.paces.speeds * meters
         if paces.any():  # else they are seated
             speeds = paces[part.start.pace]
             found = judge.check_speeds(speeds if speeds.any() else paces, judge.RUNS)
-            yield from _speeds(found, "check the speeds of the state machine, which are in m/s")
+            yield from _speeds(found, from_file=False)
 
 
-def _speeds(median: float | None, remedy: str) -> Iterator[str]:
-    if median == 0:
-        yield f"Nobody moves: {remedy}."
-    elif median is not None:
-        yield f"Agents walk at a median of {number(median)} m/s: {remedy}."
+def _speeds(median: float | None, from_file: bool) -> Iterator[Message]:
+    if median is not None:
+        yield Message(Kind.SPEED, facts={"median": float(median), "from_file": from_file})
 
 
 def _steps(part: Recorded) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -145,8 +122,8 @@ def _steps(part: Recorded) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def _around(
     crowd, part: Trajectory, groups: Sequence[Group], depsgraph: bpy.types.Depsgraph
-) -> Iterator[str]:
-    """Yield sentences on agents off the ground that the scene has, and within its walls."""
+) -> Iterator[Message]:
+    """Yield messages on agents off the ground that the scene has, and within its walls."""
     scene = crowd.id_data
     meters = scene_data.meters(scene)
     places = places_of(part)
@@ -161,30 +138,22 @@ def _around(
         above = np.where(within, np.nan, places[:, 2] - around.ground)
         for off in judge.check_ground(above * meters):
             names = Counter(around.names[index] for index in off.indices)
-            side = "above" if off.height > 0 else "below"
-            yield (
-                f"{off.share:.0%} of the agents stand {number(abs(off.height))} m {side} the "
-                f"ground {names.most_common(1)[0][0]}: choose it as Terrain Object, or change the "
-                f"z of Center."
-            )
-    if obstacles:
-        yield (
-            f"{counted(len(obstacles), 'object stands', 'objects stand')} in the crowd's way "
-            f"({_listed([item.name for item in obstacles])}): press {WALLS} to lead agents round."
-        )
-    elif within.any():
+            facts = {
+                "share": float(off.share),
+                "height": float(off.height),
+                "ground": names.most_common(1)[0][0],
+            }
+            yield Message(Kind.OFF_THE_GROUND, facts=facts)
+    for item in obstacles:
+        yield Message(Kind.OBSTACLE, item.name, remedy="crowd_lod.walls_from_selection")
+    if within.any() and not obstacles:
         names = Counter(filter(None, around.walls))
-        remedy = (
-            "add it to Areas, with a label where nobody starts"
-            if isinstance(part, Walk)
-            else "move it, or set Center so that they fit the scene"
-        )
-        walls = _listed([name for name, _ in names.most_common()])
-        yield f"{within.mean():.1%} of the agents stand within {walls}: {remedy}."
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names[:MOST_NAMES]) + (" ..." if len(names) > MOST_NAMES else "")
+        facts = {
+            "share": float(within.mean()),
+            "walls": [name for name, _ in names.most_common()],
+            "from_file": not isinstance(part, Walk),
+        }
+        yield Message(Kind.WITHIN_WALLS, facts=facts)
 
 
 def places_of(part: Trajectory) -> np.ndarray:
@@ -207,8 +176,8 @@ def places_of(part: Trajectory) -> np.ndarray:
 
 def _poses(
     scene: bpy.types.Scene, characters: Characters, groups: Sequence[Group]
-) -> Iterator[str]:
-    """Yield sentences on groups that builds show as still poses, each for a long time."""
+) -> Iterator[Message]:
+    """Yield messages on groups that builds show as still poses, each for a long time."""
     fps = scene_data.frame_rate(scene)
     reasons = [refusal(objects) for _, objects, _ in characters]
     cycles = np.array(
@@ -217,8 +186,10 @@ def _poses(
     posed = np.array([bool(reason) for reason in reasons])
     for g in judge.check_poses(np.where(posed, cycles / POSES, 0.0)):
         if not groups[g].variant_of:
-            stands = stands_for(cycles[g] * fps, fps)
-            yield (
-                f"{groups[g].name} is built as {POSES} still poses, {stands}, because "
-                f"{reasons[g]}: remove that, or shorten the action."
-            )
+            facts = {
+                "poses": POSES,
+                "frames": float(cycles[g] * fps / POSES),
+                "seconds": float(cycles[g] / POSES),
+                "reason": reasons[g],
+            }
+            yield Message(Kind.STILL_POSES, groups[g].name, facts)

@@ -7,7 +7,8 @@ import bpy
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.crowd.wardrobe import count_people
 from ...crowd_lod.format import counted
-from ...crowd_lod.progress import constant_progress, run_in_thread
+from ...crowd_lod.messages import Message
+from ...crowd_lod.progress import Work, run_in_thread
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import kept_meshes, scene_data
 from ..blender.operator import Stepwise
@@ -23,11 +24,15 @@ from ..machine import map_areas
 from ..machine.scene_world import check_maps
 from ..settings import needs
 from ..settings.lengths import set_lengths
+from ..settings.messages import in_words, keep_messages
 from ..sources import crowd_sources
 from ..sources.crowd_parts import crowd_parts, note_crowd
 from .plausible import notes_on_extent, notes_on_feet, notes_on_plausibility
 from .scene_crowd import place_levels
 from .stuck_agents import find
+
+# What the work costs: reading files that place agents, measuring the characters.
+READ, MEASURED = 1, 3
 
 
 def populate_scene(
@@ -42,32 +47,36 @@ def populate_scene(
     depsgraph = crowd_sources.depsgraph_of(scene)
     depsgraph.update()
     crowds = crowd_sources.crowds_of(settings)
-    yield from constant_progress(reading_motions(scene), 0.0)
+    work = Work(READ + MEASURED)
+    yield from work.take(reading_motions(scene))
     made_of = crowd_parts(scene)
     set_lengths(scene)
     for crowd in crowds:
         map_areas.make(crowd, depsgraph)
     check_maps(settings)
     with kept_meshes.restore_on_failure(crowds):
-        yield from crowd_sources.read_sources(crowds, settings.forward, depsgraph)
-        groups = yield from measuring_groups(scene)
+        yield from work.take(crowd_sources.read_sources(crowds, settings.forward, depsgraph), READ)
+        groups = yield from work.take(measuring_groups(scene), MEASURED)
         trajectory = crowd_sources.populate_crowds(scene, groups, depsgraph)
-        troubles = yield from run_in_thread(
-            lambda: find(trajectory, scene_data.meters(scene)), lambda: 1.0
-        )
-        warnings = [troubles.sentence] if troubles.troubles else []
-        warnings += _warnings(scene, groups, crowds, trajectory, depsgraph)
+        finding = run_in_thread(lambda: find(trajectory, scene_data.meters(scene)))
+        troubles = yield from work.take(finding)
+        warnings = list(_warnings(scene, groups, crowds, trajectory, depsgraph))
     store_groups(settings, groups)
     note_crowd(scene, made_of)
     place_levels(scene)
-    notes = [] if troubles.troubles else [troubles.sentence]
-    settings.trouble = "\n".join(filter(None, (*warnings, *notes)))
+    notes = []
+    if troubles.troubles:
+        warnings = troubles.messages + warnings
+    else:  # that not all agents were checked is no warning
+        notes = troubles.messages
+    keep_messages(settings, [*warnings, *notes])
     sentences = [
         _result(groups, trajectory),
         *(part.note for part in trajectory.parts),
-        *notes,
+        *(line.sentence for line in in_words(notes)),
     ]
-    return " ".join(filter(None, sentences)), warnings
+    told = [line.sentence for line in in_words(warnings)]
+    return " ".join(filter(None, sentences)), told
 
 
 def _warnings(
@@ -76,8 +85,8 @@ def _warnings(
     crowds: Sequence[bpy.types.PropertyGroup],
     trajectory: Trajectory,
     depsgraph: bpy.types.Depsgraph,
-) -> Iterator[str]:
-    """Yield sentences on what is probably not as the user means it."""
+) -> Iterator[Message]:
+    """Yield messages on what is probably not as the user means it."""
     characters = characters_of(scene)
     yield from notes_on_feet(scene, groups)
     yield from notes_on_extent(scene, characters, groups)

@@ -12,8 +12,9 @@ from ...crowd_lod.behavior.exact_walk import Trouble, trouble
 from ...crowd_lod.behavior.walk import Walk, walks_of
 from ...crowd_lod.crowd.maps import LabelMap
 from ...crowd_lod.crowd.state_machine import StateMachine
-from ...crowd_lod.format import counted
+from ...crowd_lod.messages import Kind, Message
 from ...crowd_lod.sources.trajectory import Trajectory
+from ..settings.messages import in_words
 
 SECONDS = 60.0  # that the search looks ahead
 MOST_AGENTS = 200_000
@@ -30,16 +31,15 @@ class OffColor(Trouble):
 
     label: str = ""
 
-    def __str__(self) -> str:
-        pixels = counted(
-            int(self.counts[0]),
-            "pixel of the label map has no label's color and counts",
-            "pixels of the label map have no label's color and count",
-        )
-        return (
-            f"{pixels} as {self.label}: paint over, first in column {self.column[0]}, row "
-            f"{self.row[0]} from the bottom."
-        )
+    @property
+    def message(self) -> Message:
+        facts = {
+            "pixels": int(self.counts[0]),
+            "label": self.label,
+            "column": int(self.column[0]),
+            "row": int(self.row[0]),
+        }
+        return Message(Kind.OFF_COLOR, facts=facts)
 
 
 def off_color(world: LabelMap, machine: StateMachine) -> tuple[OffColor, ...]:
@@ -69,15 +69,18 @@ class Troubles:
     seconds: float
 
     @property
-    def sentence(self) -> str:
-        """Return all of it as text for the user, "" if all is well and was checked."""
-        parts = [str(each) for each in self.troubles]
+    def messages(self) -> list[Message]:
+        """Return all of it as messages, none if all is well and was checked."""
+        messages = [each.message for each in self.troubles]
         if self.agents < self.count or self.seconds < SECONDS:
-            parts.append(
-                f"Only the first {self.agents:,} of {self.count:,} agents were checked for "
-                f"chattering or being stuck, {self.seconds:.3g} s ahead."
-            )
-        return " ".join(parts)
+            facts = {"checked": self.agents, "agents": self.count, "seconds": self.seconds}
+            messages.append(Message(Kind.CHECKED_IN_PART, facts=facts))
+        return messages
+
+    @property
+    def sentence(self) -> str:
+        """Return all of it as text for plan.json."""
+        return " ".join(line.sentence for line in in_words(self.messages))
 
     @property
     def rows(self) -> list[dict]:

@@ -1,6 +1,6 @@
 """Walls from Selection: agents walk round what is selected, or round what is in their way."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import bpy
 
@@ -8,15 +8,18 @@ from ...crowd_lod.crowd.machine_edits import edit_text
 from ...crowd_lod.crowd.machine_walls import WALL, add_wall
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
+from ...crowd_lod.message_words import listed
+from ...crowd_lod.messages import Kind
 from ..blender import scene_data
 from ..blender.character_objects import selected_scenery
 from ..blender.operator import Reporting
 from ..machine import map_areas
 from ..machine.scene_world import machine_of, machine_text
 from ..settings import needs
+from ..settings.messages import keep_messages, messages_of
 from ..sources.crowd_sources import crowds_of
 from .looking_around import look_around
-from .obstacles import WALLS, find_obstacles
+from .obstacles import find_obstacles
 from .plausible import places_of
 from .scene_crowd import trajectory_of
 
@@ -25,7 +28,7 @@ class CROWDLOD_OT_walls_from_selection(Reporting, bpy.types.Operator):
     """Lead agents round the selected objects; with none selected, round all in their way"""
 
     bl_idname = "crowd_lod.walls_from_selection"
-    bl_label = WALLS
+    bl_label = "Walls from Selection"
     needs = (needs.crowd,)
 
     def run(self, context) -> str:
@@ -41,14 +44,11 @@ class CROWDLOD_OT_walls_from_selection(Reporting, bpy.types.Operator):
                 "Nothing stands in the agents' way: select the objects that they are to walk round."
             )
         if not any(items for _, items in _in_the_way(scene, depsgraph, ())):
-            _forget_warnings(scene.crowd_lod)
+            told = messages_of(scene.crowd_lod)
+            keep_messages(
+                scene.crowd_lod, [message for message in told if message.kind != Kind.OBSTACLE]
+            )
         return " ".join(sentences)
-
-
-def _forget_warnings(settings: bpy.types.PropertyGroup) -> None:
-    """Drop what Populate said of obstacles."""
-    lines = settings.trouble.splitlines()
-    settings.trouble = "\n".join(line for line in lines if WALLS not in line)
 
 
 def _in_the_way(
@@ -90,7 +90,8 @@ def _lead_round(
     cells = map_areas.make(crowd, depsgraph)
     name = f"{crowd.name}: " if len(crowd.id_data.crowd_lod.crowds) else ""
     walls = counted(len(items), "wall")
-    return f"{name}{_listed(items)}: {walls} on {counted(cells, 'cell')} of the map.{turned}"
+    items_named = listed(item.name for item in items)
+    return f"{name}{items_named}: {walls} on {counted(cells, 'cell')} of the map.{turned}"
 
 
 def _add_wall_label(settings) -> str:
@@ -107,11 +108,6 @@ def _add_wall_label(settings) -> str:
         text = settings.machine = bpy.data.texts.new(name)
     text.from_string(content)
     return f" The state machine {text.name} turns agents back at them."
-
-
-def _listed(items: Iterable[bpy.types.Object]) -> str:
-    names = [item.name for item in items]
-    return ", ".join(names[:4]) + (" ..." if len(names) > 4 else "")
 
 
 CLASSES = (CROWDLOD_OT_walls_from_selection,)

@@ -75,7 +75,8 @@ class CrowdLodSettings(*ALL, bpy.types.PropertyGroup):
         type=CrowdLodGroup, name="Character Groups", description="What was measured of each"
     )
     trouble: StringProperty(
-        name="Trouble", description="What Populate found that may be wrong, a line each"
+        name="Trouble",
+        description="What Populate found that may be wrong: messages as JSON",
     )
     memory_tolerance: FloatProperty(
         name="Tolerance for Memory",
@@ -102,7 +103,7 @@ class CrowdLodSettings(*ALL, bpy.types.PropertyGroup):
     )
     estimate: StringProperty(
         name="Estimate",
-        description="What the crowd costs to render, as Estimate Cost found: a table",
+        description="What the crowd costs to render, as Estimate Cost found: a table as JSON",
     )
     levels: PointerProperty(
         type=bpy.types.Collection, name="LOD Meshes", description="Made by Make LOD Meshes"

@@ -7,19 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import bpy
-import numpy as np
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, number, printable
 from ...crowd_lod.frame.planned import PINNED, camera_of
 from ...crowd_lod.levels.assignment import deviations
 from ...crowd_lod.levels.budget_fit import Budget
-from ...crowd_lod.progress import (
-    constant_progress,
-    run_in_thread,
-    run_steps_in_thread,
-    sub_progress,
-)
+from ...crowd_lod.progress import Work, run_in_thread, run_steps_in_thread
 from ...crowd_lod.reporting import files, tables
 from ...crowd_lod.reporting.shot_json import shot_facts
 from ...crowd_lod.reporting.shot_page import shot_page
@@ -45,6 +39,7 @@ from ..characters.group_measuring import measuring_groups
 from ..characters.holdings import holdings_of
 from ..characters.stored_groups import groups_of, store_groups
 from ..freshness.parts import request_parts
+from ..lod_meshes.costs import lacking_seconds
 from ..lod_meshes.deviation import measure_levels
 from ..lod_meshes.level_objects import TINTS
 from ..lod_meshes.make_lods import make_levels
@@ -58,12 +53,13 @@ from ..sources.crowd_sources import check_recorded
 from .scene_json import scene_json
 from .shot_survey import SurveyedShot, survey_of
 
-# Progress at which LOD meshes that were missing are made.
-READY = 0.3
 # How long the stages of a plan take, of 100; with a budget the decision takes as long as the rest.
-SURVEY, COLORING, DECISION, REPORT, POINTS, FILES = 42, 26, 5, 5, 12, 10
+SURVEY, COLORING, DECISION, REPORT, POINTS = 42, 26, 5, 5, 12
 BUDGETED = 95
-PLANNED = 1 - FILES / 100  # progress of `plan_shot` of all
+# Seconds that a plan takes: each agent in a frame, and the rest.
+AGENT_IN_FRAME = 3.5e-7
+REST = 1.5
+WRITTEN = 0.1  # writing its files, as a part of that
 
 
 @dataclass(frozen=True)
@@ -96,6 +92,11 @@ class PlannedShot:
     points: tuple[BudgetPoint, ...] = ()
 
 
+def plan_seconds(scene: bpy.types.Scene, frames: Sequence[int]) -> float:
+    """Return about how many seconds the plan of these frames takes, LOD meshes left out."""
+    return REST + AGENT_IN_FRAME * len(frames) * scene.crowd_lod.count
+
+
 def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, None, PlannedShot]:
     """Plan the LODs of the shot: yield the progress, return it.
 
@@ -107,25 +108,25 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
             f"may add, such as 0.05."
         )
     check_recorded(scene, "Plan Shot")
-    yield from constant_progress(cast_provenance.reading_afresh(scene), 0.0)
-    begin = READY if scene.crowd_lod.levels is None else 0.0
-    crowd = yield from sub_progress(ready(scene), 0.0, begin)
-    return (yield from sub_progress(_plan_ready(crowd, request), begin, 1.0))
+    planning = plan_seconds(scene, request.frames)
+    work = Work(lacking_seconds(scene) + planning)
+    yield from work.take(cast_provenance.reading_afresh(scene))
+    crowd = yield from work.take(ready(scene), lacking_seconds(scene))
+    return (yield from work.take(_plan_ready(crowd, request), planning))
 
 
 def _plan_ready(crowd: SceneCrowd, request: PlanRequest) -> Generator[float, None, PlannedShot]:
     """Plan the shot of a crowd that has all its LOD meshes."""
     decision = DECISION if request.budget == Budget() else BUDGETED
-    ends = np.cumsum([SURVEY, COLORING, decision, REPORT, POINTS])
-    surveyed, colored, decided, reported, _ = (ends / ends[-1]).tolist()
+    work = Work(SURVEY + COLORING + decision + REPORT + POINTS)
     trajectory = crowd.trajectory
     tolerance = crowd.policy.tolerance
     exemptions = exemptions_of(crowd, request.frames)
-    yield from constant_progress(cast_provenance.reading(crowd.scene), 0.0)
+    yield from work.take(cast_provenance.reading(crowd.scene))
     made_for = shot_reference.plan_inputs(crowd) | request_parts(
         crowd.scene, request.frames, request.avoid, request.budget
     )
-    through = yield from sub_progress(survey_of(crowd, request.frames), 0.0, surveyed)
+    through = yield from work.take(survey_of(crowd, request.frames), SURVEY)
     coloring = plan_phases(
         through.survey,
         strides_of(crowd.groups_in_meters, trajectory.gaits),
@@ -133,18 +134,15 @@ def _plan_ready(crowd: SceneCrowd, request: PlanRequest) -> Generator[float, Non
         trajectory.given_phases,
         trajectory.wearer,
     )
-    phases = yield from sub_progress(run_steps_in_thread(coloring), surveyed, colored)
+    phases = yield from work.take(run_steps_in_thread(coloring), COLORING)
     casting = run_in_thread(lambda: recast(through.survey, phases.phases))
-    survey = yield from constant_progress(casting, colored)
-    shot = yield from constant_progress(_shot_of(crowd, excepted(survey, exemptions)), colored)
+    survey = yield from work.take(casting)
+    shot = yield from work.take(_shot_of(crowd, excepted(survey, exemptions)))
     deciding = run_steps_in_thread(decide_within(shot, request.budget, request.avoid))
-    plan = yield from sub_progress(deciding, colored, decided)
-    report = yield from sub_progress(
-        _report_on(crowd, through, phases, shot, plan), decided, reported
-    )
-    points = yield from sub_progress(
-        run_steps_in_thread(find_points(shot, tolerance)), reported, 1.0
-    )
+    plan = yield from work.take(deciding, decision)
+    report = yield from work.take(_report_on(crowd, through, phases, shot, plan), REPORT)
+    points = yield from work.take(run_steps_in_thread(find_points(shot, tolerance)), POINTS)
+    needed = run_in_thread(lambda: needed_meshes(shot, plan.bill.agents_shown))
     stored = plan_file.StoredPlan(
         path=request.folder / plan_file.NAME,
         numbers=survey.numbers,
@@ -153,11 +151,7 @@ def _plan_ready(crowd: SceneCrowd, request: PlanRequest) -> Generator[float, Non
         made_for=made_for,
         tolerance=max(plan.tolerance, tolerance or 0.0) or None,
         phases=phases.phases,
-        cast=(
-            yield from constant_progress(
-                run_in_thread(lambda: needed_meshes(shot, plan.bill.agents_shown)), 1.0
-            )
-        ),
+        cast=(yield from work.take(needed)),
         blend_file=printable(Path(bpy.data.filepath).name),
     )
     return PlannedShot(crowd, shot, plan, stored, report, request, exemptions, points)
@@ -185,9 +179,7 @@ def _report_on(
     eyes = [camera_of(numbers) for numbers in through.cameras[:, 0]]
     meters = scene_data.meters(scene)
     radius = meters * trajectory.spheres.radius
-    changes = yield from constant_progress(
-        run_in_thread(lambda: noticed(shot, plan.levels, radius)), 0.0
-    )
+    changes = yield from run_in_thread(lambda: noticed(shot, plan.levels, radius))
     judging = run_in_thread(lambda: verdict_of(shot.survey, changes, eyes, meters))
     curve = run_steps_in_thread(curve_of(shot, plan, crowd.policy.tolerance))
     names = [group.name for group in trajectory.groups]
@@ -196,7 +188,7 @@ def _report_on(
         shot=shot,
         plan=plan,
         noticed=changes,
-        verdict=(yield from constant_progress(judging, 0.0)),
+        verdict=(yield from judging),
         curve=(yield from curve),
         names=names,
         phases=phases,
@@ -216,14 +208,29 @@ def ready(scene: bpy.types.Scene) -> Generator[float, None, SceneCrowd]:
     cameras.active_camera(scene), characters_of(scene)
     settings = scene.crowd_lod
     if not len(settings.groups):
-        store_groups(settings, (yield from sub_progress(measuring_groups(scene), 0.0, 0.1)))
+        store_groups(settings, (yield from measuring_groups(scene)))
     if settings.levels is None:
-        yield from sub_progress(make_levels(scene), 0.1, 1.0)
+        yield from make_levels(scene)
     elif deviations(groups_of(settings), policy_of(settings)) is None:
-        yield from sub_progress(measure_levels(scene), 0.1, 1.0)
+        yield from measure_levels(scene)
     crowd = read_crowd(scene)
     check_levels(crowd)  # those made for other settings may be fewer
     return crowd
+
+
+def plan_into(
+    folder: Path, scene: bpy.types.Scene, request: PlanRequest, command: list[str]
+) -> Generator[float, None, tuple[PlannedShot, dict[str, Any]]]:
+    """Plan the shot and write the plan's files into `folder`: yield the progress.
+
+    command: the command line of the run.
+    Returns (the planned shot, the content of plan.json).
+    """
+    planning = lacking_seconds(scene) + plan_seconds(scene, request.frames)
+    writing = WRITTEN * plan_seconds(scene, request.frames)
+    work = Work(planning + writing)
+    planned = yield from work.take(plan_shot(scene, request), planning)
+    return planned, (yield from work.take(write_plan(folder, planned, command), writing))
 
 
 def write_plan(
@@ -235,7 +242,7 @@ def write_plan(
     """
     last = int(planned.stored.numbers[-1])
     telling = scene_json(planned.crowd, planned.crowd.scene, command, last, [])
-    content = yield from constant_progress(telling, 0.0)
+    content = yield from telling
     yield from run_steps_in_thread(_writing(folder, planned, content))
     return content
 
@@ -244,8 +251,9 @@ def _writing(
     folder: Path, planned: PlannedShot, content: dict[str, Any]
 ) -> Generator[float, None, None]:
     """Write all of the plan's files; `content` of plan.json gets what it tells of the shot."""
+    work = Work(5)  # files
     write_levels(folder, planned)
-    yield 0.2
+    yield work.did(1)
     report = planned.report
     content |= shot_json(planned)
     texts = {
@@ -254,9 +262,9 @@ def _writing(
         "switches.csv": lambda: tables.switches_csv(report.noticed),
         "report.html": lambda: shot_page(report),
     }
-    for step, (name, text_of) in enumerate(texts.items()):
-        yield 0.4 + 0.15 * step
+    for name, text_of in texts.items():
         (folder / name).write_text(text_of(), encoding="utf-8")
+        yield work.did(1)
 
 
 def write_levels(folder: Path, planned: PlannedShot) -> None:
@@ -346,13 +354,12 @@ def plan_of_settings(scene: bpy.types.Scene) -> Generator[float, None, str]:
     written at the end, all or none.
     """
     settings = scene.crowd_lod
-    yield from constant_progress(refuse_budget(scene), 0.0)
+    yield from refuse_budget(scene)
     place = output_path(scene, "plan")
     folder = full_path(place)
     with files.staged(folder, plan_file.NAME) as part:
         request = wanted_of(scene, folder, scene_data.frames_of(scene))
-        planned = yield from sub_progress(plan_shot(scene, request), 0.0, PLANNED)
-        yield from sub_progress(write_plan(part, planned, ["sidebar"]), PLANNED, 1.0)
+        planned, _ = yield from plan_into(part, scene, request, ["sidebar"])
     settings.shot_plan = f"{place}/{plan_file.NAME}"
     settings.use_shot_plan = True
     return f"{sentence(planned)} The plan is in {place_of(folder)}."

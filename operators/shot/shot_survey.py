@@ -12,7 +12,7 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import numbers_of
-from ...crowd_lod.progress import constant_progress, run_in_thread, sub_progress
+from ...crowd_lod.progress import Work, run_in_thread
 from ...crowd_lod.shot.recording import Recorder, Recording, begin_recording
 from ...crowd_lod.shot.shot_cost import meshes_of
 from ...crowd_lod.shot.survey import Survey
@@ -23,7 +23,8 @@ from ..scene import lights
 from ..scene.frame_plan import frame_by_policy
 from ..scene.scene_crowd import SceneCrowd, read_crowd
 
-THROUGH = 0.9  # the progress with which the shot is run through: the rest makes the survey
+# What running through a frame costs: walking there, planning it, making the survey of it.
+WALK, PLAN, RECORD = 4, 5, 1
 
 
 @dataclass
@@ -57,16 +58,16 @@ def survey_of(crowd: SceneCrowd, frames: Sequence[int]) -> Generator[float, None
     views: list[np.ndarray] = []
     before: Frame | None = None
     took = Counter()
+    work = Work((WALK + PLAN + RECORD) * len(frames))
     with frame_stepping.step_frames(scene) as at, Recorder(recording) as recorder:
         for f, time in enumerate(times):
-            begin, middle, end = (THROUGH * (f + part) / len(frames) for part in (0.0, 0.5, 1.0))
-            yield from sub_progress(approach(crowd.trajectory, time), begin, middle)
+            yield from work.take(approach(crowd.trajectory, time), WALK)
             moment = lights.read_moment(scene, time, at)
             now = read_crowd(scene)
             if now.trajectory is not crowd.trajectory or now.policy != policy:
                 raise _changes_at(frames[f])
             planned = run_in_thread(partial(frame_by_policy, now, moment))
-            frame = yield from constant_progress(planned, middle)
+            frame = yield from work.take(planned)
             film = cameras.bound_camera(scene, time)
             cut = f > 0 and film != cameras.bound_camera(scene, times[f - 1])
             samples = scene_data.samples_of(scene) * covered(frame)
@@ -74,7 +75,7 @@ def survey_of(crowd: SceneCrowd, frames: Sequence[int]) -> Generator[float, None
             views.append(numbers_of(moment.eyes))
             took.update(frame.milliseconds)
             before = frame
-            yield end
+            yield work.did(PLAN)
         recorder.finish()
     if len({numbers.shape for numbers in views}) > 1:
         raise CrowdError(
@@ -83,7 +84,7 @@ def survey_of(crowd: SceneCrowd, frames: Sequence[int]) -> Generator[float, None
         )
     milliseconds = {name: total / len(frames) for name, total in took.items()}
     making = run_in_thread(recording.make_survey, lambda: 1 - len(recording.records) / len(frames))
-    survey = yield from sub_progress(making, THROUGH, 1.0)
+    survey = yield from work.take(making, RECORD * len(frames))
     return SurveyedShot(survey, np.array(views), milliseconds, moment.around.left_out)
 
 

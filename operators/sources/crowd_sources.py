@@ -15,7 +15,7 @@ from ...crowd_lod.crowd.maps import LabelMap
 from ...crowd_lod.crowd.state_machine import StateMachine
 from ...crowd_lod.crowd.terrain import Ground, Terrain
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.format import counted
+from ...crowd_lod.messages import Kind, Message
 from ...crowd_lod.progress import Work, run_in_thread
 from ...crowd_lod.sources.dressed import Dressed
 from ...crowd_lod.sources.recorded import Recorded
@@ -118,19 +118,16 @@ def read_sources(
             yield from work.take(run_in_thread(terrain.prepare), 1)
 
 
-def notes(crowds: Sequence, trajectory: Trajectory) -> Iterator[str]:
-    """Yield sentences on shortcomings of the crowds' places and terrain."""
+def notes(crowds: Sequence, trajectory: Trajectory) -> Iterator[Message]:
+    """Yield messages on shortcomings of the crowds' places and terrain."""
     for crowd, part in zip(crowds, trajectory.parts, strict=True):
         yield from terrain_source.terrain_notes(crowd, part)
         if isinstance(part, Walk) and crowd.start_on != "RECTANGLE":
             places = start_source.places_of(crowd, part.world.area)
             lost = len(places or ()) - len(part.start)
             if lost:
-                yield (
-                    f"{lost:,} of {counted(len(places or ()), 'place')} "
-                    f"{'is' if lost == 1 else 'are'} left out: off the label map, or "
-                    "where its labels let nobody start."
-                )
+                facts = {"lost": lost, "places": len(places or ())}
+                yield Message(Kind.PLACES_LEFT_OUT, facts=facts)
 
 
 def _images(crowd) -> tuple:

@@ -52,8 +52,8 @@ class CROWDLOD_PT_main(Sidebar, bpy.types.Panel):
         row = column.row(align=True)
         row.prop(scene.crowd_lod, "overlay", text="", icon="OVERLAY")
         row.popover("CROWDLOD_PT_statistics", text=_line(scene), translate=False)
-        (sentence, icon), *others = steps.messages(scene)
-        warnings = sum(other == "ERROR" for _, other in others)
+        (sentence, icon, _), *others = steps.messages(scene)
+        warnings = sum(other.icon == "ERROR" for other in others)
         # An error needs all the room: Blender cuts the middle of a long line. The popover has all.
         more = f" ({counted(warnings, 'warning')})" if warnings and icon != "ERROR" else ""
         sentence = (

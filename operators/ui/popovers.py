@@ -8,16 +8,15 @@ from ...crowd_lod.shot.budget_points import fitting_point
 from ..blender import scene_data
 from ..blender.labeled_properties import CONTEXT
 from ..characters.stored_groups import count_of
-from ..characters.take_action import TAKE_ACTION
 from ..lod_meshes.level_objects import GIVEN
 from ..overlay import viewport_overlay
 from ..overlay.hud import STAGES, share
-from ..scene.obstacles import WALLS
 from ..settings.budgets import budget_of, possible_budgets
 from . import steps
 from .drawing import LOD_COLORS, MOST_ROWS, button, distance, label, paragraph, table
 
 LETTERS = 62  # in a line of a popover
+REMEDY_ICONS = {"crowd_lod.take_action": "ACTION", "crowd_lod.walls_from_selection": "MOD_BUILD"}
 
 
 class _Popover:
@@ -132,12 +131,10 @@ class CROWDLOD_PT_messages(_Popover, bpy.types.Panel):
     bl_label = "Messages"
 
     def draw(self, context) -> None:
-        for sentence, icon in steps.messages(context.scene):
-            paragraph(self.layout, sentence, icon, LETTERS)
-            if TAKE_ACTION in sentence:
-                button(self.layout, "crowd_lod.take_action", icon="ACTION")
-            if WALLS in sentence:
-                button(self.layout, "crowd_lod.walls_from_selection", icon="MOD_BUILD")
+        for line in steps.messages(context.scene):
+            paragraph(self.layout, line.sentence, line.icon, LETTERS)
+            if line.remedy:
+                button(self.layout, line.remedy, icon=REMEDY_ICONS.get(line.remedy, "NONE"))
 
 
 class CROWDLOD_PT_error_curve(_Popover, bpy.types.Panel):

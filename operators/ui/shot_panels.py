@@ -4,6 +4,7 @@ import bpy
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import byte_size, counted
+from ...crowd_lod.levels.cost_model import NAMES
 from ...crowd_lod.shot.budget_points import budget_sentence, fitting_point
 from ..blender import scene_data
 from ..freshness.artifacts import BAKE, build_artifact, stale
@@ -16,6 +17,7 @@ from ..render_setup.render_setup import baked_of
 from ..render_setup.view_layers import layers_of
 from ..settings import needs
 from ..settings.budgets import LIMITS, budget_of, possible_budgets
+from ..settings.cost_table import costs_of
 from ..sources.hand_edits import EDITS
 from ..usd.openusd import missing_openusd
 from . import steps
@@ -211,15 +213,23 @@ class CROWDLOD_PT_cost(Step, bpy.types.Panel):
     def body(self, context, layout, settings) -> None:
         button(layout, "crowd_lod.estimate", icon="MEMORY")
         column = layout.column(align=True)
-        for name, *figures in (line.split("\t") for line in settings.estimate.splitlines()):
-            row = column.split(factor=0.42)
-            # the engine's frames, and the choice that is baked, are in the report
-            label(row, "Baked" if name.endswith(", Baked") else name.partition(",")[0])
-            for text, part in zip(figures, (0.5, 1.0), strict=False):
-                row = row.split(factor=part)
-                label(row, text)
-        if not settings.estimate:
+        table = costs_of(settings)
+        if table is None:
             label(column, "Not estimated")
+            return
+        self.row(column, NAMES[table.engine], "Memory", "Time")
+        for case, cost in table.costs.items():
+            # what is baked is the case above it
+            name = "Baked" if case.is_baked else case.title
+            self.row(column, name, byte_size(cost.memory), f"{cost.time:.0%}")
+
+    def row(self, layout, name: str, memory: str, time: str) -> None:
+        """Draw a row of the table."""
+        row = layout.split(factor=0.42)
+        label(row, name)
+        row = row.split(factor=0.5)
+        label(row, memory)
+        label(row, time)
 
 
 class CROWDLOD_PT_view_layers(Step, bpy.types.Panel):

@@ -1,15 +1,18 @@
 """The order of the work: which button comes next, and what there is to say about it."""
 
+from typing import NamedTuple
+
 import bpy
 
 from ...crowd_lod.simplification.decimate import missing_library
 from ..blender.guard import troubles_of
 from ..blender.sidebar_answers import keep_at_work
-from ..freshness.artifacts import artifacts_of, news_of, reasons, verdict_of
+from ..freshness.artifacts import artifacts_of, current_proof, news_of, reasons
 from ..overlay import viewport_overlay
 from ..render_setup.appended_builds import standing_still
 from ..scene.shot_reference import notes_on_file
 from ..settings import needs
+from ..settings.messages import in_words, label_of, messages_of
 
 
 def next_operator(scene: bpy.types.Scene) -> str:
@@ -19,14 +22,17 @@ def next_operator(scene: bpy.types.Scene) -> str:
     return next(iter(reasons(scene)), "")
 
 
-def label_of(operator: str) -> str:
-    """Return the label of an operator, such as crowd_lod.populate."""
-    return getattr(bpy.ops.crowd_lod, operator.partition(".")[2]).get_rna_type().name
+class Told(NamedTuple):
+    """A line of the sidebar; the operator whose button mends what it tells, or ""."""
+
+    sentence: str
+    icon: str
+    remedy: str = ""
 
 
 @keep_at_work
-def messages(scene: bpy.types.Scene) -> list[tuple[str, str]]:
-    """Return (sentence, icon) of all that the user should know, the most urgent first."""
+def messages(scene: bpy.types.Scene) -> list[Told]:
+    """Return all that the user should know, the most urgent first."""
     settings = scene.crowd_lod
     drawn_frame = viewport_overlay.display_of(scene)
     errors = [
@@ -37,19 +43,20 @@ def messages(scene: bpy.types.Scene) -> list[tuple[str, str]]:
     ]
     if settings.characters is not None:
         errors.append(needs.camera(scene))
-    lines = [(sentence, "ERROR") for sentence in dict.fromkeys(errors) if sentence]
+    lines = [Told(sentence, "ERROR") for sentence in dict.fromkeys(errors) if sentence]
     if operator := next_operator(scene):
-        lines.append((f"Next: {label_of(operator)}", "FORWARD"))
+        lines.append(Told(f"Next: {label_of(operator)}", "FORWARD"))
     for artifact in artifacts_of(scene):
         if news := news_of(scene, artifact):
-            lines.append((news, "FILE_REFRESH"))
-    if verdict := verdict_of(scene):
-        lines.append((verdict, "CHECKMARK" if verdict.startswith("OK") else "ERROR"))
+            lines.append(Told(news, "FILE_REFRESH"))
+    if proof := current_proof(scene):
+        lines.append(Told(proof.sentence, "CHECKMARK" if proof.ok else "ERROR"))
     # warnings of Populate do not stop the work: the next step is named before them
     if settings.characters is not None:
-        lines += [(warning, "ERROR") for warning in settings.trouble.splitlines()]
+        warnings = in_words(messages_of(settings))
+        lines += [Told(line.sentence, "ERROR", line.remedy) for line in warnings]
     if note := notes_on_file(settings):
-        lines.append((note, "INFO"))
-    said = {sentence for sentence, _ in lines}
+        lines.append(Told(note, "INFO"))
+    said = {line.sentence for line in lines}
     notes = drawn_frame.notes if drawn_frame else ()
-    return [*lines, *((note, "INFO") for note in notes if note not in said)]
+    return [*lines, *(Told(note, "INFO") for note in notes if note not in said)]

@@ -22,10 +22,11 @@ from ...crowd_lod.frame.instances import (
     rotations_of,
 )
 from ...crowd_lod.frame.planned import note_of, unplanned_notes
-from ...crowd_lod.progress import constant_progress, sub_progress
+from ...crowd_lod.progress import Work
 from ...crowd_lod.reporting import files
 from ..blender import frame_stepping, scene_data
 from ..characters.cast_provenance import reading
+from ..lod_meshes.costs import lacking_seconds
 from ..render_setup.frame_update import columns_of, held_by
 from ..scene import lights
 from ..scene.frame_plan import frame_of
@@ -39,10 +40,10 @@ from .shot_camera import FilmedFrame, film_frame, write_camera
 
 ENDINGS = (".usdc", ".usda", ".usd")
 POSES = 32  # of an action's cycle, one static prototype for each
-# the progress at which each stage ends
-READY = 0.2
-PLANNED = 0.5
-POSED = 0.7
+# Seconds, about: planning a frame, posing a prototype, writing the instances of a frame.
+PLANNED = 0.06
+POSED = 0.004
+WRITTEN = 0.05
 
 
 @dataclass(frozen=True)
@@ -104,12 +105,13 @@ def export_usd(scene: bpy.types.Scene, request: UsdExport) -> Generator[float, N
             f"another place."
         )
     with files.staged(path.parent, path.name) as hidden:
-        crowd = yield from sub_progress(ready(scene), 0.0, READY)
+        count = len(request.frames)
+        work = Work(lacking_seconds(scene) + (PLANNED + WRITTEN) * count)
+        crowd = yield from work.take(ready(scene), lacking_seconds(scene))
         trajectory = crowd.trajectory
         library = library_of_poses(crowd, POSES, request.animated)
-        plans, films, unplanned = yield from sub_progress(
-            _plan_frames(crowd, request, library), READY, PLANNED
-        )
+        planning = _plan_frames(crowd, request, library)
+        plans, films, unplanned = yield from work.take(planning, PLANNED * count)
         cast = instances_of([*plans.values()])
         with CrowdFile(
             usd, scene, path, hidden, (cast, names_of(trajectory, library, cast.prototypes))
@@ -121,12 +123,15 @@ def export_usd(scene: bpy.types.Scene, request: UsdExport) -> Generator[float, N
             posing = write_prototypes(
                 crowd, library, cast.prototypes, (request.frames, seconds), file.mesh
             )
-            yield from sub_progress(posing, PLANNED, POSED)
-            yield from sub_progress(_instances(crowd, (library, cast), plans, file), POSED, 0.95)
+            posed = POSED * len(cast.prototypes)
+            work.announce(posed + WRITTEN * count)
+            yield from work.take(posing, posed)
+            writing = _instances(crowd, (library, cast), plans, file)
+            yield from work.take(writing, WRITTEN * count)
             if films:
                 write_camera(usd, file.stage, file.CAMERA, scene, films)
             file.save((request.frames[0], request.frames[-1]))
-        yield 0.99
+        yield work.did(0.0)
     off = max(plan.off for plan in plans.values())
     notes = (
         [f"Agents show one of {POSES} poses, up to {figure(off)} of a cycle beside their phase."]
@@ -159,19 +164,18 @@ def _plan_frames(
     plans: dict[int, FrameInstances] = {}
     films: dict[int, FilmedFrame] = {}
     unplanned = []
+    work = Work(10 * len(frames))
     with frame_stepping.step_frames(scene) as at:
-        for count, number in enumerate(frames):
+        for number in frames:
             time = scene_data.remap(scene.render, number)
-            yield from sub_progress(
-                approach(crowd.trajectory, time), count / len(frames), (count + 0.9) / len(frames)
-            )
+            yield from work.take(approach(crowd.trajectory, time), 9)
             moment = lights.read_moment(scene, time, at)
-            yield from constant_progress(reading(scene), (count + 0.9) / len(frames))
+            yield from work.take(reading(scene))
             frame = frame_of(crowd.at_present_frame(), moment)
             unplanned.append(note_of(number, frame.unplanned, request.strict))
             plans[number] = instances_of_frame(frame, library)
             films[number] = film_frame(scene, time, at((), time))
-            yield (count + 1) / len(frames)
+            yield work.did(1)
     if not any(len(plan.agents) for plan in plans.values()):
         raise CrowdError(
             f"The camera sees no agent in {shot_frames(frames)}: there is nothing to export."
@@ -192,11 +196,10 @@ def _instances(
     agents = cast[1].agents
     turn = float(scene_data.rotation(scene.crowd_lod.forward))
     speed = scene_data.frame_rate(scene)
-    for count, (number, plan) in enumerate(plans.items()):
+    work = Work(10 * len(plans))
+    for number, plan in plans.items():
         time = scene_data.remap(scene.render, number)
-        yield from sub_progress(
-            approach(trajectory, time), count / len(plans), (count + 0.9) / len(plans)
-        )
+        yield from work.take(approach(trajectory, time), 9)
         crowd_held = held_by(crowd, number, trajectory.at(time))
         columns = columns_of(trajectory, crowd_held.crowd, crowd_held, agents, library)
         level = np.zeros(len(agents), np.float32)
@@ -217,4 +220,4 @@ def _instances(
             velocities=velocity,
             looks=columns["looks"],
         )
-        yield (count + 1) / len(plans)
+        yield work.did(1)

@@ -9,6 +9,7 @@ from mathutils import Matrix
 
 from ...crowd_lod.animation.phase_classes import Library
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.progress import Work
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender.named_actions import group_performance
 from ..blender.performance import Performance
@@ -88,6 +89,7 @@ def write_prototypes(
     trajectory = crowd.trajectory
     levels = crowd.settings.levels.children[: crowd.policy.count]
     first = library.first(trajectory.gaits)
+    work = Work(len(np.unique(prototype_numbers % first[-1])))
     for g, (name, objects, _) in enumerate(crowd.characters):
         mine = prototype_numbers[
             (prototype_numbers % first[-1] >= first[g])
@@ -99,7 +101,7 @@ def write_prototypes(
         with as_rendered(item for home in homes for item in home.objects) as (stage, actors):
             performance = group_performance(trajectory.groups[g], objects)
             numbers = np.unique(mine % first[-1])
-            for count, number in enumerate(numbers.tolist()):
+            for number in numbers.tolist():
                 prototypes = mine[mine % first[-1] == number].tolist()
                 act, moments = _moments(
                     performance, trajectory, library, (g, number - int(first[g])), times
@@ -118,8 +120,7 @@ def write_prototypes(
                                 )
                                 if form is not None:
                                     write(prototype, item.name, form, frame)
-                    yield (g + (count + 1) / len(numbers)) / len(first)
-    yield 1.0
+                    yield work.did(1)
 
 
 def _moments(

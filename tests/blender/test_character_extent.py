@@ -15,6 +15,7 @@ from crowd_lod_extension.operators.scene import plausible
 from mathutils import Matrix
 
 from ..support.characters import character, new, rig, skin, tube
+from ..support.messages import sentences, told
 from ..support.rigs import keyed
 
 # of the picture; meters that it shows
@@ -231,10 +232,12 @@ def test_what_a_render_alone_knows_is_named_with_a_margin(case):
     named = case(body)
     assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
     said = " ".join(
-        plausible.notes_on_extent(
-            bpy.context.scene,
-            characters_of(bpy.context.scene),
-            stored_groups.groups_of(bpy.context.scene.crowd_lod),
+        sentences(
+            plausible.notes_on_extent(
+                bpy.context.scene,
+                characters_of(bpy.context.scene),
+                stored_groups.groups_of(bpy.context.scene.crowd_lod),
+            )
         )
     )
     assert all(part in said for part in named) and "Margin to Fixed, 1.53 m or more" in said
@@ -295,7 +298,7 @@ def test_new_crowds_stand_on_their_lowest_point(sunk, tmp_path):
         and entry.lowest == pytest.approx(-1)
         and entry.center == pytest.approx(1.0, abs=0.01)
     )
-    said = " ".join(plausible.notes_on_feet(sunk, stored_groups.groups_of(settings)))
+    said = " ".join(sentences(plausible.notes_on_feet(sunk, stored_groups.groups_of(settings))))
     assert said == "Raised so that their feet touch the ground: giraffe by 1 m."
     bpy.ops.crowd_lod.build()
     settings.characters.hide_render = True
@@ -303,7 +306,7 @@ def test_new_crowds_stand_on_their_lowest_point(sunk, tmp_path):
     entry.on_ground = False
     assert entry.center == pytest.approx(0.0, abs=0.01)
     assert "To touch the ground (see Stand on Ground), raise: giraffe by 1 m." in " ".join(
-        plausible.notes_on_feet(sunk, stored_groups.groups_of(settings))
+        sentences(plausible.notes_on_feet(sunk, stored_groups.groups_of(settings)))
     )
     with pytest.raises(CrowdError, match="press Build again"):
         frame_update.update(sunk, bpy.context.evaluated_depsgraph_get())
@@ -340,7 +343,7 @@ def test_rounding_of_a_flat_character_lifts_nobody(sunk):
     bpy.data.objects["body"].data.transform(Matrix.Diagonal((1, 1, 0, 1)))
     sunk.crowd_lod.characters.children[0].instance_offset.z = 2.18e-7
     bpy.ops.crowd_lod.populate()
-    assert sunk.crowd_lod.groups[0].lowest == 0 and "ground" not in sunk.crowd_lod.trouble
+    assert sunk.crowd_lod.groups[0].lowest == 0 and "ground" not in told(sunk)
 
 
 def test_nobody_stands_on_what_is_in_a_hand():

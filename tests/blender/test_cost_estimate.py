@@ -9,21 +9,19 @@ import bpy
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.operators.blender.mesh_data import count_triangles
 from crowd_lod_extension.operators.characters import group_measuring, stored_groups
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.render_setup import bake, buckets, render_setup
-from crowd_lod_extension.operators.render_setup.cost_estimate import FULL, estimate
+from crowd_lod_extension.operators.render_setup.cost_estimate import estimate
 from crowd_lod_extension.operators.runs.preview import Preview, preview
 from crowd_lod_extension.operators.scene import scene_crowd
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
+from crowd_lod_extension.operators.settings.cost_table import FULL, Case, costs_of
 
 from ..support.scene_frames import frame_now
 
 pytestmark = pytest.mark.once  # long, and the same on every Blender
-
-
-def triangles(item):
-    return len(item.data.loops) - 2 * len(item.data.polygons)
 
 
 def counts_in_render(scene):
@@ -39,7 +37,10 @@ def counts_in_render(scene):
             and buckets.LEVEL in each.parent.original
         ):
             found.append(each.object.original)
-    return len(found), sum(map(triangles, found)), sum(map(triangles, set(found)))
+    instanced, unique = (
+        sum(count_triangles(item.data) for item in items) for items in (found, set(found))
+    )
+    return len(found), instanced, unique
 
 
 @pytest.mark.parametrize("known", [False, True])
@@ -51,23 +52,27 @@ def test_work_is_what_the_depsgraph_shows(levelled, known, planned):
         scene.crowd_lod.frames = "3,9,14"
         bpy.ops.crowd_lod.plan_shot()
     found = finished(estimate(scene, frames, known=known))
-    assert list(found.looked_at) == frames and FULL in found.works and found.costs.engine == "EEVEE"
-    work = found.works["By Distance"]
+    assert (
+        list(found.looked_at) == frames
+        and Case(FULL, known) in found.works
+        and found.costs.engine == "EEVEE"
+    )
+    work = found.works[Case("BY_RATIO", known)]
     finished(bake.bake(scene, frames) if known else render_setup.build(read_crowd(scene)))
     top = scene.crowd_lod.build
     for f, number in enumerate(frames):
         scene.frame_set(number)
         agents, instanced, unique = counts_in_render(scene)
         assert (agents, instanced, unique) == (work.instances[f], work.instanced[f], work.unique[f])
-    meshes = [item for item in top.all_objects if item.type == "MESH" and buckets.LEVEL not in item]
-    assert work.posed == sum(map(triangles, meshes))
+    shown = [item for item in top.all_objects if item.type == "MESH" and buckets.LEVEL not in item]
+    assert work.posed == sum(count_triangles(item.data) for item in shown)
     assert work.rigs == sum(item.type == "ARMATURE" for item in top.all_objects)
-    whole = found.works[FULL]
+    whole = found.works[Case(FULL, known)]
     assert (whole.instances == work.instances).all() and (whole.instanced > work.instanced).all()
     assert (
-        found.prices[FULL].memory > 0
+        found.prices[Case(FULL, known)].memory > 0
         and "By Distance" in found.sentence
-        and len(found.table.splitlines()) == 1 + len(found.works)
+        and found.table.costs.keys() == found.works.keys()
     )
 
 
@@ -79,15 +84,17 @@ def test_the_button_fills_the_table_and_asks_for_lod_meshes(scene):
         bpy.ops.crowd_lod.estimate()
     list(make_levels(scene))
     assert bpy.ops.crowd_lod.estimate() == {"FINISHED"}
-    rows = [line.split("\t") for line in scene.crowd_lod.estimate.splitlines()]
-    assert [row[0] for row in rows][1:] == [
-        FULL,
-        "By Distance",
-        "By Distance, Baked",
-        "By Tolerance",
-    ] and rows[1][-1] == "100%"
+    costs = costs_of(scene.crowd_lod).costs
+    assert [*costs] == [
+        Case(FULL),
+        Case("BY_RATIO"),
+        Case("BY_RATIO", True),
+        Case("BY_TOLERANCE"),
+    ] and costs[Case(FULL)].time == 1
     scene.crowd_lod.tolerance = 2.0
-    assert scene.crowd_lod.estimate == ""
+    assert costs_of(scene.crowd_lod) is None
+    scene.crowd_lod.estimate = "Full Detail\t1 GB"  # by a script
+    assert costs_of(scene.crowd_lod) is None
 
 
 def test_lods_that_fit_in_memory_are_built_and_the_others_are_not(scene, tmp_path):
@@ -97,7 +104,7 @@ def test_lods_that_fit_in_memory_are_built_and_the_others_are_not(scene, tmp_pat
     settings.frames = "1:20"
     stored_groups.store_groups(settings, group_measuring.measure_groups(scene))
     list(make_levels(scene))
-    free = finished(estimate(scene)).prices["By Tolerance"].memory / 1e6
+    free = finished(estimate(scene)).prices[Case("BY_TOLERANCE")].memory / 1e6
     settings.memory = 1.0
     before = set(bpy.data.user_map())
     groups = stored_groups.groups_of(settings)
@@ -139,7 +146,10 @@ def test_lods_that_fit_in_memory_are_built_and_the_others_are_not(scene, tmp_pat
         assert kept <= {item.data for item in inside} and not (left_out - kept) & {
             item.data for item in inside
         }, group.name
-    assert finished(estimate(scene)).prices["By Tolerance"].memory <= 1e6 * settings.memory * 1.02
+    assert (
+        finished(estimate(scene)).prices[Case("BY_TOLERANCE")].memory
+        <= 1e6 * settings.memory * 1.02
+    )
     finished(preview(scene, Preview([5], tmp_path / "out", 64), []))
     plan = json.loads((tmp_path / "out" / "plan.json").read_text())
     assert [told["finest_lod"] for told in plan["levels"]["characters"]] == list(finest)

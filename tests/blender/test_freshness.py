@@ -12,12 +12,13 @@ from crowd_lod_extension.operators.freshness.artifacts import (
     CROWD,
     PROOF,
     ProofResult,
+    current_proof,
     note_proof,
     proof_parts,
     reasons,
-    verdict_of,
 )
 from crowd_lod_extension.operators.runs.update_all import due_steps, update_all
+from crowd_lod_extension.operators.settings.messages import label_of
 from crowd_lod_extension.operators.ui import steps
 
 from ..support.characters import character, new, rig, skin, tube
@@ -96,8 +97,8 @@ def test_next_messages_and_update_all_name_the_same(shot, edit):
     shot.view_layers[0].update()
     operator, part = EDITS[edit]
     assert steps.next_operator(shot) == operator == next(iter(reasons(shot)))
-    assert any(part in sentence for sentence, _ in steps.messages(shot))
-    label = steps.label_of(operator)
+    assert any(part in line.sentence for line in steps.messages(shot))
+    label = label_of(operator)
     assert next(iter(due_steps(shot))) == label and part in due_steps(shot)[label]
     done = finished(update_all(shot))
     assert next(iter(done)) == label
@@ -140,13 +141,16 @@ def test_lods_follow_what_simplify_makes_of_the_character(shot):
 
 
 def test_a_proof_is_of_the_build_and_the_cameras_that_it_showed(shot):
-    assert verdict_of(shot) == ""
-    note_proof(shot, ProofResult("OK: alike.", True, proof_parts(shot)))
-    assert verdict_of(shot) == "OK: alike." and steps.next_operator(shot) == ""
+    assert current_proof(shot) is None
+    note_proof(shot, ProofResult("All alike.", True, proof_parts(shot)))
+    assert ("All alike.", "CHECKMARK", "") in steps.messages(shot) and steps.next_operator(
+        shot
+    ) == ""
     shot.camera.data.lens = 20
-    assert verdict_of(shot) == "" and "crowd_lod.verify" in reasons(shot)
-    note_proof(shot, ProofResult("Does not hold.", False, proof_parts(shot)))
-    assert verdict_of(shot) == "Does not hold." and PROOF.operator in reasons(shot)
+    assert current_proof(shot) is None and "crowd_lod.verify" in reasons(shot)
+    note_proof(shot, ProofResult("OK but for a hair.", False, proof_parts(shot)))
+    assert ("OK but for a hair.", "ERROR", "") in steps.messages(shot)
+    assert PROOF.operator in reasons(shot)
 
 
 def test_before_the_first_populate_there_is_no_crowd(small_shot):

@@ -56,7 +56,7 @@ def test_what_a_handler_raises_is_told_once_with_its_traceback_and_forgotten_whe
         assert not capfd.readouterr().err
         scene.frame_set(4)
         assert capfd.readouterr().err == "Crowd LOD, frame 4: The moon is full: wait.\n"
-        assert ("The moon is full: wait.", "ERROR") in steps.messages(scene)
+        assert ("The moon is full: wait.", "ERROR", "") in steps.messages(scene)
         scene.frame_set(5)
         assert not capfd.readouterr().err and not troubles_of(scene)
     finally:

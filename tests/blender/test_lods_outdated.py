@@ -36,7 +36,7 @@ def told_of(scene) -> str:
     return next(
         (
             sentence
-            for sentence, _ in steps.messages(scene)
+            for sentence, *_ in steps.messages(scene)
             if sentence.startswith("Changed since Make LOD Meshes")
         ),
         "",

@@ -6,6 +6,7 @@ import pytest
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 
 from ..support.characters import new
+from ..support.messages import told
 from .test_plausible import block, place, scene, warnings_of  # noqa: F401 - scene is a fixture
 
 
@@ -65,4 +66,4 @@ def test_neither_characters_nor_the_ground_become_walls(street):
     bpy.data.objects["kerb"].select_set(False)
     bpy.ops.crowd_lod.walls_from_selection()
     assert [area.name for area in settings.areas] == ["kiosk"]
-    assert "Walls from Selection" not in settings.trouble
+    assert "Walls from Selection" not in told(street)

@@ -13,6 +13,7 @@ from crowd_lod_extension.operators.overlay.inset import STRAY, with_strays
 from crowd_lod_extension.operators.runs.preview import Preview, preview
 from crowd_lod_extension.operators.scene import scene_crowd, stuck_agents
 
+from ..support.messages import told
 from ..support.scene_frames import frame_now
 
 pytestmark = pytest.mark.once  # long, and the same on every Blender
@@ -38,18 +39,18 @@ def test_ten_off_color_pixels_leave_the_crowd_and_are_told(scene, capfd):
     paint(scene)
     bpy.ops.crowd_lod.populate()
     clean = scene_crowd.trajectory_of(scene)
-    assert scene.crowd_lod.trouble == "" and not len(clean.world.strays)
+    assert told(scene) == "" and not len(clean.world.strays)
     paint(scene, [(7, 3 + k) for k in range(10)])
     assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
     spoilt = scene_crowd.trajectory_of(scene)
     assert (spoilt.world.labels == clean.world.labels).all() and (
         spoilt.start.x == clean.start.x
     ).all()
-    told = (
+    sentence = (
         "10 pixels of the label map have no label's color and count as ground: paint over, first "
         "in column 3, row 7 from the bottom."
     )
-    assert scene.crowd_lod.trouble == told and told in capfd.readouterr().out
+    assert told(scene) == sentence and sentence in capfd.readouterr().out
     (row,) = stuck_agents.find(spoilt).rows
     assert row == {
         "kind": "off-color",

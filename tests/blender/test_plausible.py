@@ -10,6 +10,7 @@ from crowd_lod_extension.operators.ui import steps
 from mathutils import Matrix
 
 from ..support.characters import character, new
+from ..support.messages import told
 
 pytestmark = pytest.mark.once  # long, and the same on every Blender
 
@@ -55,7 +56,7 @@ def warnings_of(scene, **found):
     for name, value in found.items():
         setattr(scene.crowd_lod, name, value)
     bpy.ops.crowd_lod.populate()
-    return scene.crowd_lod.trouble
+    return told(scene)
 
 
 def place(item, scene):
@@ -199,7 +200,7 @@ def test_a_sword_in_the_hand_lifts_nobody(scene):
     bpy.ops.crowd_lod.populate()
     (entry,) = groups_of(scene.crowd_lod)
     assert entry.lowest == 0
-    assert "ground" not in scene.crowd_lod.trouble
+    assert "ground" not in told(scene)
 
 
 def test_who_floats_above_the_own_origin_is_set_down_on_the_soles(scene):

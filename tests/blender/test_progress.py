@@ -87,18 +87,30 @@ def test_populate_looks_ahead_by_steps(levelled):
 
 
 def test_how_long_the_rest_takes():
-    assert TimeLeft().words(0.5, 1) == TimeLeft().words(0.0, 10) == ""
-    assert TimeLeft().words(0.5, 30) == ", about 30 s left"
-    assert TimeLeft().words(0.25, 60) == ", about 3 min left"
-    assert TimeLeft().words(0.25, 36_000) == ", about 30 h left"
+    left = TimeLeft()
+    assert left.words(0.2, 100) == ""  # what comes before the first quarter tells nothing
+    assert left.words(0.25, 200) == ""
+    assert left.words(0.3, 203) == ""  # too early to tell
+    assert left.words(0.4, 209) == ", about 36 s left"
+    assert left.words(0.5, 215) == ", about 30 s left"
+    assert left.words(0.75, 231) == ", about 16 s left"
+
+
+def test_long_times_are_told_in_minutes_and_hours():
+    for seconds, words in ((60, "2 min"), (36_000, "20 h")):
+        left = TimeLeft()
+        left.words(0.25, 0)
+        assert left.words(0.5, seconds) == f", about {words} left"
 
 
 def test_a_time_left_that_the_progress_contradicts_is_not_said():
     left = TimeLeft()
-    assert left.words(0.05, 10) == ""  # too early to tell
-    assert left.words(0.2, 16) == ""
-    assert left.words(0.5, 40) == ", about 40 s left"  # what was said long ago counts no more
-    assert left.words(0.5, 60) == ""  # a whole of 80 or of 120 s: it may end at once
+    left.words(0.25, 0)
+    assert left.words(0.5, 20) == ", about 40 s left"
+    assert left.words(0.55, 35) == ""  # a whole of 60 or of 88 s
+    assert left.words(0.2, 36) == ""  # more is to do than was known
+    assert left.words(0.25, 40) == ""
+    assert left.words(0.5, 60) == ", about 40 s left"
 
 
 @pytest.mark.once

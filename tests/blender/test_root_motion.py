@@ -15,6 +15,7 @@ from crowd_lod_extension.operators.characters.group_measuring import measure_gro
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 
 from ..support.characters import character, new, rig, skin, tube
+from ..support.messages import sentences, told
 
 WAY = 1.2
 LAST = 25
@@ -119,7 +120,7 @@ def test_the_way_is_taken_out_and_is_the_stride(place, cycles):
     assert np.abs(middles(item) - middles(item)[0]).max() < 1e-5
     assert group.radius < 1.5
     assert keys() == before
-    (told,) = notes_on_actions(scene, [group])
+    (told,) = sentences(notes_on_actions(scene, [group]))
     assert told.startswith(
         f"The own animation moves someone by {cycles * WAY:.3g} m in a cycle: that is taken out"
     )
@@ -154,7 +155,7 @@ def test_the_way_is_told_in_meters(meters):
     scene.unit_settings.scale_length = meters
     on_object()
     scene.view_layers[0].update()
-    (told,) = notes_on_actions(scene, measure_groups(scene))
+    (told,) = sentences(notes_on_actions(scene, measure_groups(scene)))
     assert f"by {number(WAY * meters)} m in a cycle" in told
 
 
@@ -165,7 +166,7 @@ def test_what_walks_on_the_map_is_drawn_by_the_map_alone():
     settings = scene.crowd_lod
     settings.count = 1
     bpy.ops.crowd_lod.populate()
-    assert "The own animation moves someone by 1.2 m" in settings.trouble
+    assert "The own animation moves someone by 1.2 m" in told(scene)
     trajectory = trajectory_of(scene)
     speeds = trajectory.gaits.paces.speeds
     moving = speeds > 0

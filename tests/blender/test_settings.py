@@ -14,6 +14,7 @@ from crowd_lod_extension.operators.scene import scene_crowd, stuck_agents
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 from crowd_lod_extension.operators.ui import steps
 
+from ..support.messages import told
 from ..support.scene_frames import frame_now
 
 STUCK = """{"version": 1, "labels": {"ground": {"color": "#808080"}},
@@ -123,20 +124,17 @@ def machine(scene, text):
 def test_populate_tells_who_is_stuck_and_forgets_it_when_all_is_well(scene):
     machine(scene, STUCK % "1.5")
     assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
-    assert (
-        "stand for good" in scene.crowd_lod.trouble
-        and f"{scene.crowd_lod.count} agents" in scene.crowd_lod.trouble
-    )
-    said = [sentence for sentence, _ in steps.messages(scene)]
+    assert "stand for good" in told(scene) and f"{scene.crowd_lod.count} agents" in told(scene)
+    said = [line.sentence for line in steps.messages(scene)]
     following = next(k for k, sentence in enumerate(said) if sentence.startswith("Next: "))
-    assert following < said.index(scene.crowd_lod.trouble)
+    assert following < said.index(told(scene))
     found = stuck_agents.find(scene_crowd.trajectory_of(scene))
     (row,) = found.rows
     assert row["kind"] == "stuck" and row["agents"] == 300 and row["count"] == 300
     assert row["column"] == 63 and 19 < row["place"][0] < 20 and found.agents == 300
     scene.crowd_lod.machine = None
     assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
-    assert scene.crowd_lod.trouble == ""
+    assert told(scene) == ""
 
 
 def test_the_search_for_trouble_is_bounded_and_says_so(scene, monkeypatch):

@@ -9,6 +9,7 @@ from crowd_lod_extension.operators.blender.named_actions import performance_of
 from crowd_lod_extension.operators.characters.action_troubles import notes_on_actions
 from crowd_lod_extension.operators.scene.scene_crowd import characters_of
 
+from ..support.messages import sentences
 from .test_actions import going, group_of, itself, name_actions, waiting  # noqa: F401
 
 
@@ -48,7 +49,7 @@ def test_root_motion_is_taken_out_and_is_the_stride(waiting):  # noqa: F811
     waiting.crowd_lod.characters.children.unlink(waiting.crowd_lod.characters.children["child"])
     group = group_of(waiting, go=going("stroll"))
     assert group.action("stroll").stride == pytest.approx(1.3541666, rel=1e-4)
-    told = list(notes_on_actions(waiting, [group]))
+    told = sentences(notes_on_actions(waiting, [group]))
     assert (
         len(told) == 1
         and "stroll adult moves adult by 1.35 m in a cycle: that is taken out" in told[0]
@@ -78,9 +79,9 @@ def test_root_motion_is_taken_out_and_is_the_stride(waiting):  # noqa: F811
 
 def test_feet_that_slide_are_told_with_the_stride_or_the_speed_that_fits(waiting):  # noqa: F811
     bpy.data.actions["walk adult"]["stride"] = 1.5
-    (told,) = notes_on_actions(waiting, [group_of(waiting, walk=going("walk"))])
+    (told,) = sentences(notes_on_actions(waiting, [group_of(waiting, walk=going("walk"))]))
     assert "slide by 0.147 m in a cycle of walk adult: set its property stride to 1.35 m." in told
-    (told,) = notes_on_actions(waiting, [group_of(waiting, wait=going("idle", 0.5))])
+    (told,) = sentences(notes_on_actions(waiting, [group_of(waiting, wait=going("idle", 0.5))]))
     assert "feet of adult slide by 2.17 m in a cycle of idle adult: give the state" in told
     assert told.endswith("the speed 0 m/s.")
     del bpy.data.actions["walk adult"]["stride"]

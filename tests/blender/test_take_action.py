@@ -7,10 +7,13 @@ import numpy as np
 import pytest
 from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
 from crowd_lod_extension.operators.characters.stored_groups import groups_of
+from crowd_lod_extension.operators.characters.take_action import CROWDLOD_OT_take_action
 from crowd_lod_extension.operators.characters.walk_choice import take_walks
+from crowd_lod_extension.operators.ui import steps
 
 from ..support.characters import character, new, rig, skin, tube
 from ..support.freshness import changed_since_populate
+from ..support.messages import told
 
 
 def bent(name):
@@ -46,17 +49,48 @@ def test_a_character_without_an_action_is_told_with_the_way_out(skinned):
     bpy.ops.crowd_lod.populate()
     assert (
         "someone has a rig that plays no action, and would glide in its bind pose: import the file"
-        in settings.trouble
+        in told(bpy.context.scene)
     )
     bent("motion")
     bpy.ops.crowd_lod.populate()
-    assert "press Take Action, which gives it motion walk" in settings.trouble
+    assert "press Take Action, which gives it motion walk" in told(bpy.context.scene)
     assert bpy.ops.crowd_lod.take_action() == {"FINISHED"}
     assert skinned.animation_data.action == bpy.data.actions["motion walk"]
     assert changed_since_populate(bpy.context.scene) == ["the motion of someone"]
     bpy.ops.crowd_lod.populate()
-    assert "glide" not in settings.trouble
+    assert "glide" not in told(bpy.context.scene)
     assert groups_of(settings)[0].period == pytest.approx(9 / 24)
+
+
+@pytest.fixture
+def renamed():
+    """The button Take Action under another label."""
+    operator = CROWDLOD_OT_take_action
+    before = operator.bl_label
+    for label in ("Learn to Walk", before):
+        bpy.utils.unregister_class(operator)
+        operator.bl_label = label
+        bpy.utils.register_class(operator)
+        if label != before:
+            yield label
+
+
+def test_a_warning_keeps_its_button_under_another_label(skinned, renamed):
+    bpy.ops.crowd_lod.populate()
+    (line,) = (line for line in steps.messages(bpy.context.scene) if line.remedy)
+    assert f"then press {renamed}." in line.sentence and line.remedy == "crowd_lod.take_action"
+
+
+def test_two_who_would_glide_are_told_in_one_line(skinned):
+    body = bpy.data.objects["body"]
+    other = body.copy()
+    other.modifiers[0].object = skinned.copy()
+    bpy.context.scene.crowd_lod.characters.children.link(bpy.data.collections.new("other"))
+    for item in (other, other.modifiers[0].object):
+        bpy.data.collections["other"].objects.link(item)
+    bpy.ops.crowd_lod.populate()
+    (line,) = (line for line in steps.messages(bpy.context.scene) if line.remedy)
+    assert line.sentence.startswith("other, someone have a rig that plays no action, and would")
 
 
 def top(armature, frame):
@@ -117,7 +151,7 @@ def test_who_stands_in_a_stadium_does_not_glide(skinned):
     )
     settings.machine = text
     bpy.ops.crowd_lod.populate()
-    assert "glide" not in settings.trouble
+    assert "glide" not in told(bpy.context.scene)
 
 
 def test_motion_that_came_as_empties_is_told_with_the_way_out(skinned):
@@ -152,12 +186,12 @@ def test_of_several_actions_of_a_file_the_walk_is_taken_and_that_is_said():
     bpy.ops.crowd_lod.populate()
     assert (
         "walks by the action agree, and its file has walk (chosen by name): press Take Action."
-        in settings.trouble
+        in told(bpy.context.scene)
     )
     assert bpy.ops.crowd_lod.take_action() == {"FINISHED"}
     assert armature.animation_data.action == bpy.data.actions["walk"]
     bpy.ops.crowd_lod.populate()
-    assert "agree" not in settings.trouble
+    assert "agree" not in told(bpy.context.scene)
     armature.animation_data.action = bpy.data.actions["agree"]
     scene = bpy.context.scene
     (sentence,) = take_walks(scene, [item])
@@ -182,8 +216,8 @@ def test_without_a_name_the_action_is_taken_that_moves_forward_at_a_persons_spee
     settings.characters = character(item)
     settings.count = 2
     bpy.ops.crowd_lod.populate()
-    told = "walks by the action nod, and its file has march (chosen by its speed): press"
-    assert told in settings.trouble and not changed_since_populate(bpy.context.scene)
+    walk = "walks by the action nod, and its file has march (chosen by its speed): press"
+    assert walk in told(bpy.context.scene) and not changed_since_populate(bpy.context.scene)
     (sentence,) = take_walks(bpy.context.scene, [armature, item])
     assert armature.animation_data.action.name == "march"
     assert sentence == "skin now plays march (chosen by its speed) instead of nod."
@@ -199,7 +233,6 @@ def test_without_a_name_the_action_is_taken_that_moves_forward_at_a_persons_spee
 
 
 def test_images_that_did_not_come_along_are_told_with_the_way_out(skinned, tmp_path):
-    settings = bpy.context.scene.crowd_lod
     image = bpy.data.images.new("colormap", 2, 2)
     image.filepath_raw = str(tmp_path / "colormap.png")
     image.file_format = "PNG"
@@ -211,9 +244,11 @@ def test_images_that_did_not_come_along_are_told_with_the_way_out(skinned, tmp_p
     image.filepath = str(tmp_path / "Textures" / "colormap.png")
     image.reload()
     bpy.ops.crowd_lod.populate()
-    assert "1 image of someone is missing, and renders pink (" in settings.trouble
-    assert "Textures/colormap.png): copy the pack's textures there, or use File" in settings.trouble
+    assert "1 image of someone is missing, and renders pink (" in told(bpy.context.scene)
+    assert "Textures/colormap.png): copy the pack's textures there, or use File" in told(
+        bpy.context.scene
+    )
     image.filepath = str(tmp_path / "colormap.png")
     image.reload()
     bpy.ops.crowd_lod.populate()
-    assert "missing" not in settings.trouble
+    assert "missing" not in told(bpy.context.scene)

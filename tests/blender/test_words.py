@@ -32,12 +32,16 @@ def test_who_is_told_to_populate_finds_that_button_next(levelled, setting):
         settings.start_on = "SURFACE"
     setattr(settings, setting, plane("Ground"))
     asking = [
-        sentence for sentence, _ in steps.messages(levelled) if "Changed since Populate" in sentence
+        sentence
+        for sentence, *_ in steps.messages(levelled)
+        if "Changed since Populate" in sentence
     ]
     assert len(asking) == 1 and steps.next_operator(levelled) == "crowd_lod.populate"
     assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
     assert steps.next_operator(levelled) != "crowd_lod.populate"
-    assert not any("Changed since Populate" in sentence for sentence, _ in steps.messages(levelled))
+    assert not any(
+        "Changed since Populate" in sentence for sentence, *_ in steps.messages(levelled)
+    )
 
 
 def test_a_character_of_another_name_asks_for_populate_and_then_for_its_lods(levelled):
@@ -46,7 +50,7 @@ def test_a_character_of_another_name_asks_for_populate_and_then_for_its_lods(lev
     assert steps.next_operator(levelled) == "crowd_lod.populate"
     assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
     assert steps.next_operator(levelled) == "crowd_lod.make_levels"
-    assert any("renamed)" in sentence for sentence, _ in steps.messages(levelled))
+    assert any("renamed)" in sentence for sentence, *_ in steps.messages(levelled))
     assert bpy.ops.crowd_lod.make_levels() == {"FINISHED"}
     assert steps.next_operator(levelled) == "crowd_lod.plan_shot"
 

@@ -33,7 +33,7 @@ def test_the_panel_says_whether_the_plan_holds_in_the_frame_that_is_shown(tmp_pa
         entry.level = 0
         shown(scene)
         assert shot_panels.describe_hold(scene) == ("Does not hold: see above", "ERROR")
-        said = [sentence for sentence, _ in steps.messages(scene)]
+        said = [sentence for sentence, *_ in steps.messages(scene)]
         assert any(
             each.startswith("The shot plan is not used, for the overrides changed since")
             for each in said
@@ -45,7 +45,7 @@ def test_the_panel_says_whether_the_plan_holds_in_the_frame_that_is_shown(tmp_pa
         assert shot_panels.describe_hold(scene)[1] == "CHECKMARK"
         scene.frame_set(9)
         shown(scene)
-        said = [sentence for sentence, _ in steps.messages(scene)]
+        said = [sentence for sentence, *_ in steps.messages(scene)]
         assert "The shot plan covers frames 1 to 3: here thresholds hold." in said
         settings.overlay = False
         assert shot_panels.describe_hold(scene) == ("The overlay tells if it holds", "INFO")

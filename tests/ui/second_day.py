@@ -127,7 +127,8 @@ def most_triangles() -> int:
 
 def verdict() -> str:
     """What the last proof found."""
-    return sys.modules[f"{robot.MODULE}.operators.freshness.artifacts"].verdict_of(scene())
+    proof = sys.modules[f"{robot.MODULE}.operators.freshness.artifacts"].current_proof(scene())
+    return proof.sentence if proof else ""
 
 
 def lacks(operator: str) -> list:

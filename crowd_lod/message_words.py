@@ -1,0 +1,356 @@
+"""Sentences of messages: the same message about several subjects is one sentence."""
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
+
+from .format import counted, number
+from .messages import Kind, Message
+
+MOST_NAMED = 4  # of subjects
+NAMED = 2  # of more than those
+
+
+class Line(NamedTuple):
+    """A sentence, and the operator that mends what it tells; "" without."""
+
+    sentence: str
+    remedy: str
+
+
+def listed(names: Iterable[str], between: str = ", ") -> str:
+    """Return the names, each once: "Witch, King", or "Witch, King and 3 others" of many."""
+    each = list(dict.fromkeys(names))
+    if len(each) <= MOST_NAMED:
+        return between.join(each)
+    return f"{between.join(each[:NAMED])} and {len(each) - NAMED} others"
+
+
+def lines_of(messages: Iterable[Message], label_of: Callable[[str], str]) -> list[Line]:
+    """Return a line for each thing that is told, in the order of the messages.
+
+    label_of: returns the label of an operator's button.
+    """
+    alike: dict[tuple, list[Message]] = {}
+    for message in messages:
+        shared = tuple(str(message.facts[name]) for name in APART.get(message.kind, ()))
+        of_whom = (message.kind, bool(message.subject), message.crowd, message.remedy, *shared)
+        key = of_whom if message.subject else (*of_whom, id(message))
+        alike.setdefault(key, []).append(message)
+    lines = []
+    for several in alike.values():
+        first = several[0]
+        sentence = WORDS[first.kind](several, label_of(first.remedy) if first.remedy else "")
+        lines.append(Line(f"{first.crowd}: {sentence}" if first.crowd else sentence, first.remedy))
+    return lines
+
+
+def _facts(several: Sequence[Message], name: str) -> list[Any]:
+    return [message.facts[name] for message in several]
+
+
+def _subjects(several: Sequence[Message]) -> str:
+    return listed(message.subject for message in several)
+
+
+def _each(several: Sequence[Message], words: str) -> str:
+    """Return `words` of each subject, listed; they name {subject} and facts."""
+    return listed(
+        words.format(subject=message.subject, **_in_words(message)) for message in several
+    )
+
+
+def _in_words(message: Message) -> dict[str, str]:
+    return {
+        name: number(fact) if isinstance(fact, float) else str(fact)
+        for name, fact in message.facts.items()
+    }
+
+
+def _off_color(several: Sequence[Message], _: str) -> str:
+    facts = several[0].facts
+    pixels = counted(
+        facts["pixels"],
+        "pixel of the label map has no label's color and counts",
+        "pixels of the label map have no label's color and count",
+    )
+    return (
+        f"{pixels} as {facts['label']}: paint over, first in column {facts['column']}, row "
+        f"{facts['row']} from the bottom."
+    )
+
+
+def _chatters(several: Sequence[Message], _: str) -> str:
+    return _caught(
+        several[0],
+        "agent changes state endlessly and stays in place",
+        "agents change state endlessly and stay in place",
+    )
+
+
+def _stuck(several: Sequence[Message], _: str) -> str:
+    return _caught(several[0], "agent stands for good", "agents stand for good")
+
+
+def _caught(message: Message, singular: str, plural: str) -> str:
+    facts = message.facts
+    agents = counted(facts["agents"], singular, plural)
+    where = f"most of them ({facts['there']}) at" if facts["cells"] > 1 else "at"
+    place = f"x {facts['x']:.2f} m, y {facts['y']:.2f} m"
+    cell = f"map column {facts['column']}, row {facts['row']} from the bottom"
+    return f"{agents}, {where} {place} ({cell})."
+
+
+def _checked_in_part(several: Sequence[Message], _: str) -> str:
+    facts = several[0].facts
+    return (
+        f"Only the first {facts['checked']:,} of {facts['agents']:,} agents were checked for "
+        f"chattering or being stuck, {facts['seconds']:.3g} s ahead."
+    )
+
+
+def _raised(several: Sequence[Message], _: str) -> str:
+    return f"Raised so that their feet touch the ground: {_each(several, '{subject} by {rise} m')}."
+
+
+def _off_its_soles(several: Sequence[Message], _: str) -> str:
+    rises = _each(several, "{subject} by {rise} m")
+    return f"To touch the ground (see Stand on Ground), raise: {rises}."
+
+
+def _unknown_extent(several: Sequence[Message], _: str) -> str:
+    margin = number(max(_facts(several, "margin")))
+    return (
+        f"Renders may show more than was measured of {_each(several, '{subject} ({what})')}: if it "
+        f"is missing at the picture's border, set Margin to Fixed, {margin} m or more."
+    )
+
+
+def _height(several: Sequence[Message], _: str) -> str:
+    return (
+        f"{_each(several, '{subject} is {height} m tall')}: if these are people, scale them to "
+        f"about 1.7 m, or set Unit Scale in the scene's Units."
+    )
+
+
+def _still_poses(several: Sequence[Message], _: str) -> str:
+    frames, seconds = (max(_facts(several, name)) for name in ("frames", "seconds"))
+    poses = several[0].facts["poses"]
+    stands = f"{number(frames)} frames ({number(seconds)} s) of its action"
+    if len(several) == 1:
+        return (
+            f"{several[0].subject} is built as {poses} still poses, each of which stands for "
+            f"{stands}, because {several[0].facts['reason']}: remove that, or shorten the action."
+        )
+    return (
+        f"{_each(several, '{subject} ({reason})')} are built as {poses} still poses, each of which "
+        f"stands for up to {stands}: remove what is in brackets, or shorten the action."
+    )
+
+
+def _without_faces(several: Sequence[Message], _: str) -> str:
+    return (
+        f"Left out of the crowd, which shows faces and hair: {_each(several, '{subject} ({what})')}"
+        f". Convert to meshes what is needed."
+    )
+
+
+def _unsaved(several: Sequence[Message], _: str) -> str:
+    return (
+        f"No collection holds {_subjects(several)}, on which the characters depend: Blender does "
+        f"not save such objects, so link them to a collection."
+    )
+
+
+def _root_motion(several: Sequence[Message], _: str) -> str:
+    action = several[0].facts["action"]
+    return (
+        f"The {f'action {action}' if action else 'own animation'} moves "
+        f"{_each(several, '{subject} by {way} m')} in a cycle: that is taken out, because the "
+        f"crowd moves its agents."
+    )
+
+
+def _feet_slide(several: Sequence[Message], _: str) -> str:
+    state = several[0].facts["state"]
+    slide = number(max(_facts(several, "slide")))
+    actions = listed(_facts(several, "action"))
+    strides = [message for message in several if message.facts["stride"]]
+    if strides:
+        own = number(strides[0].facts["fits"])
+        remedy = (
+            f"set its property stride to {own} m"
+            if len(several) == 1
+            else f"set their property stride: {_each(several, '{action} {fits} m')}"
+        )
+    else:
+        speeds = sorted(_facts(several, "fits"))
+        remedy = f"give the state the speed {listed(map(number, speeds), ' or ')} m/s"
+    most = "" if len(several) == 1 else "up to "
+    return (
+        f"In the state {state} the feet of {_subjects(several)} slide by {most}{slide} m in a "
+        f"cycle of {actions}: {remedy}."
+    )
+
+
+def _no_walk(several: Sequence[Message], button: str) -> str:
+    own = listed(_facts(several, "action"))
+    better = listed(
+        f"{message.facts['walk']} ({chosen_by(message.facts['by_name'])})" for message in several
+    )
+    if len(several) == 1:
+        walks = f"walks by the action {own}, and its file has"
+    else:
+        walks = f"walk by the actions {own}, and their files have"
+    return f"{_subjects(several)} {walks} {better}: press {button}."
+
+
+def chosen_by(name: bool) -> str:
+    """Return why an action was chosen as the walk."""
+    return "chosen by name" if name else "chosen by its speed"
+
+
+def _glides(several: Sequence[Message], button: str) -> str:
+    verb, pronoun = ("has", "it") if len(several) == 1 else ("have", "them")
+    fits = sorted({fit for fit in _facts(several, "fit") if fit})
+    way = (
+        f"press {button}, which gives {pronoun} {listed(fits)}"
+        if fits
+        else f"import the file of the pack that holds its motion, then press {button}"
+    )
+    return (
+        f"{_subjects(several)} {verb} a rig that plays no action, and would glide in its bind "
+        f"pose: {way}."
+    )
+
+
+def _glows(several: Sequence[Message], _: str) -> str:
+    effect = (
+        "their agents stay in the render"
+        if several[0].facts["stays"]
+        else "culling takes it away without Shadows and Reflections"
+    )
+    return (
+        f"In Cycles light comes from {_each(several, '{subject} (material {material})')}, and "
+        f"{effect}: if that is not meant, mix the emission with Transparent by Light Path > Is "
+        f"Camera Ray."
+    )
+
+
+def _image_missing(several: Sequence[Message], _: str) -> str:
+    paths = sorted({path for paths in _facts(several, "paths") for path in paths})
+    is_one = len(paths) == 1
+    return (
+        f"{counted(len(paths), 'image')} of {_subjects(several)} {'is' if is_one else 'are'} "
+        f"missing, and {'renders' if is_one else 'render'} pink ({paths[0]}): copy the pack's "
+        f"textures there, or use File > External Data > Find Missing Files."
+    )
+
+
+def _speed(several: Sequence[Message], _: str) -> str:
+    facts = several[0].facts
+    remedy = (
+        "check Frame Rate and Unit"
+        if facts["from_file"]
+        else "check the speeds of the state machine, which are in m/s"
+    )
+    if not facts["median"]:
+        return f"Nobody moves: {remedy}."
+    return f"Agents walk at a median of {number(facts['median'])} m/s: {remedy}."
+
+
+def _climbs(several: Sequence[Message], _: str) -> str:
+    return (
+        f"Agents climb by {number(several[0].facts['height'])} m in the file: if y is up in it, "
+        f"set Up to Y."
+    )
+
+
+def _off_the_ground(several: Sequence[Message], _: str) -> str:
+    facts = several[0].facts
+    side = "above" if facts["height"] > 0 else "below"
+    return (
+        f"{facts['share']:.0%} of the agents stand {number(abs(facts['height']))} m {side} the "
+        f"ground {facts['ground']}: choose it as Terrain Object, or change the z of Center."
+    )
+
+
+def _obstacle(several: Sequence[Message], button: str) -> str:
+    return (
+        f"{counted(len(several), 'object stands', 'objects stand')} in the crowd's way "
+        f"({_subjects(several)}): press {button} to lead agents round."
+    )
+
+
+def _within_walls(several: Sequence[Message], _: str) -> str:
+    facts = several[0].facts
+    remedy = (
+        "move it, or set Center so that they fit the scene"
+        if facts["from_file"]
+        else "add it to Areas, with a label where nobody starts"
+    )
+    walls = listed(facts["walls"])
+    return f"{facts['share']:.1%} of the agents stand within {walls}: {remedy}."
+
+
+def _no_terrain(several: Sequence[Message], _: str) -> str:
+    facts = several[0].facts
+    over = facts["over"]
+    has, them, stand = ("has", "it", "stands") if over == 1 else ("have", "them", "stand")
+    return (
+        f"{over:,} of {facts['agents']:,} agents {has} no ground of the terrain {facts['terrain']} "
+        f"under {them}, and {stand} at the crowd's height, {number(facts['height'])} m."
+    )
+
+
+def _terrain_of_characters(several: Sequence[Message], _: str) -> str:
+    collection = several[0].facts["collection"]
+    return (
+        f"The terrain lies in the collection {collection} of the characters "
+        f"({_subjects(several)}), which renders leave out: move it to another."
+    )
+
+
+def _terrain_moves(several: Sequence[Message], _: str) -> str:
+    return (
+        f"The terrain moves ({_subjects(several)}): agents stand on it as it is now, in all frames."
+    )
+
+
+def _places_left_out(several: Sequence[Message], _: str) -> str:
+    lost, places = (several[0].facts[name] for name in ("lost", "places"))
+    return (
+        f"{lost:,} of {counted(places, 'place')} {'is' if lost == 1 else 'are'} left out: off the "
+        f"label map, or where its labels let nobody start."
+    )
+
+
+WORDS: dict[Kind, Callable[[Sequence[Message], str], str]] = {
+    Kind.OFF_COLOR: _off_color,
+    Kind.CHATTERS: _chatters,
+    Kind.STUCK: _stuck,
+    Kind.CHECKED_IN_PART: _checked_in_part,
+    Kind.RAISED: _raised,
+    Kind.OFF_ITS_SOLES: _off_its_soles,
+    Kind.UNKNOWN_EXTENT: _unknown_extent,
+    Kind.HEIGHT: _height,
+    Kind.STILL_POSES: _still_poses,
+    Kind.WITHOUT_FACES: _without_faces,
+    Kind.UNSAVED: _unsaved,
+    Kind.ROOT_MOTION: _root_motion,
+    Kind.FEET_SLIDE: _feet_slide,
+    Kind.NO_WALK: _no_walk,
+    Kind.GLIDES: _glides,
+    Kind.GLOWS: _glows,
+    Kind.IMAGE_MISSING: _image_missing,
+    Kind.SPEED: _speed,
+    Kind.CLIMBS: _climbs,
+    Kind.OFF_THE_GROUND: _off_the_ground,
+    Kind.OBSTACLE: _obstacle,
+    Kind.WITHIN_WALLS: _within_walls,
+    Kind.NO_TERRAIN: _no_terrain,
+    Kind.TERRAIN_OF_CHARACTERS: _terrain_of_characters,
+    Kind.TERRAIN_MOVES: _terrain_moves,
+    Kind.PLACES_LEFT_OUT: _places_left_out,
+}
+# facts in which subjects of one sentence agree
+APART = {Kind.ROOT_MOTION: ("action",), Kind.FEET_SLIDE: ("state", "stride")}
