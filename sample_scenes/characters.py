@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ..operators.blender.shader_nodes import switch_nodes_on
+from ..operators.blender.materials import switch_nodes_on
 from .body import Body, Build, make_body
 from .walk import Cycle, idle_cycle, walk_cycle
 

@@ -8,7 +8,7 @@ from math import cos, pi, radians, sin
 import bpy
 from mathutils import Vector
 
-from ..operators.blender.shader_nodes import switch_nodes_on
+from ..operators.blender.materials import switch_nodes_on
 
 # A shape is (points, faces): corners in world meters, and for each face the indices of its corners,
 # normals outward.

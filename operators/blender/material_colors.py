@@ -5,6 +5,7 @@ import numpy as np
 
 from . import image_data
 from .color_space import to_srgb
+from .materials import reached_nodes, shader_of, source_of
 
 GRAY = (0.8, 0.8, 0.8)
 SIZE = 1024  # most pixels of an image along a side
@@ -74,21 +75,18 @@ def _is_linear(image: bpy.types.Image) -> bool:
 
 def _base_color(material: bpy.types.Material) -> bpy.types.NodeSocket | None:
     """Return the socket of the material's color, or None if no shader gives one."""
-    if material.node_tree is None:
-        return None
-    output = material.node_tree.get_output_node("ALL")
-    links = output.inputs["Surface"].links if output else ()
-    inputs = links[0].from_node.inputs if links else {}
+    shader = shader_of(material)
+    inputs = shader.inputs if shader is not None else {}
     socket = inputs.get("Base Color") or inputs.get("Color") if inputs else None
     return socket if socket is not None and socket.type == "RGBA" else None
 
 
 def _ramp_behind(socket: bpy.types.NodeSocket) -> np.ndarray | None:
     """Return the colors (STEPS, 3) float32 of a Color Ramp by the agents' `looks`, or None."""
-    ramp = socket.links[0].from_node if socket.links else None
-    if ramp is None or ramp.type != "VALTORGB" or not ramp.inputs["Fac"].links:
+    ramp, _ = source_of(socket)
+    if ramp is None or ramp.type != "VALTORGB":
         return None
-    number = ramp.inputs["Fac"].links[0].from_node
+    number, _ = source_of(ramp.inputs["Fac"])
     kind = getattr(number, "attribute_type", ""), getattr(number, "attribute_name", "")
     if kind != ("INSTANCER", "looks"):
         return None
@@ -98,16 +96,7 @@ def _ramp_behind(socket: bpy.types.NodeSocket) -> np.ndarray | None:
 
 def _image_behind(socket: bpy.types.NodeSocket) -> bpy.types.Image | None:
     """Return the first image with pixels that the socket's links reach, or None."""
-    waiting = [socket]
-    visited = set()
-    while waiting:
-        for link in waiting.pop(0).links:
-            node = link.from_node
-            if node in visited:
-                continue
-            visited.add(node)
-            image = node.image if node.type == "TEX_IMAGE" else None
-            if image is not None and (image.has_data or len(image.pixels)):
-                return image
-            waiting.extend(node.inputs)
-    return None
+    images = (node.image for node in reached_nodes([socket]) if node.type == "TEX_IMAGE")
+    return next(
+        (image for image in images if image and (image.has_data or len(image.pixels))), None
+    )

@@ -51,41 +51,6 @@ def fill_mesh(mesh: bpy.types.Mesh, points: np.ndarray, triangles: np.ndarray) -
     mesh.update(calc_edges=True)
 
 
-# what an object that takes another's place keeps of it
-SHOWN = (
-    "hide_render",
-    "hide_viewport",
-    "visible_camera",
-    "visible_diffuse",
-    "visible_glossy",
-    "visible_transmission",
-    "visible_volume_scatter",
-    "visible_shadow",
-    "is_holdout",
-    "is_shadow_catcher",
-    "pass_index",
-    "color",
-)
-
-
-def mesh_like(item: bpy.types.Object, mesh: bpy.types.Mesh) -> bpy.types.Object:
-    """Return a new object of `mesh` that looks like `item`.
-
-    `item` is of another kind, such as a text or a curve, and cannot hold a mesh. Copied are the
-    properties of SHOWN, custom properties and materials linked to the object.
-    """
-    copy = bpy.data.objects.new(item.name, mesh)
-    for name in SHOWN:
-        setattr(copy, name, getattr(item, name))
-    for key, value in item.items():
-        copy[key] = value
-    for slot, source in zip(copy.material_slots, item.material_slots, strict=False):
-        if source.link == "OBJECT":
-            slot.link = "OBJECT"
-            slot.material = source.material
-    return copy
-
-
 # Types of attributes: (name of the value, numbers in it, their type).
 ATTRIBUTES = {
     "FLOAT": ("value", 1, np.float32),

@@ -9,8 +9,8 @@ import numpy as np
 
 from ...crowd_lod.culling.occluders import Occluders, Shape, join_occluders, shape_of_mesh
 from . import scene_cache
+from .materials import hides_in_all_engines
 from .mesh_data import count_triangles, read_triangles
-from .opacity import hides_in_all_engines
 from .render_evaluation import shows_alike
 from .scenery import Placed, Scenery, matrix_of
 

@@ -10,6 +10,7 @@ import bpy
 
 from . import removal
 from .animation import curves_of, players_of
+from .object_copies import copy_unlinked
 
 # Settings of modifiers: of the viewport, of renders.
 PAIRS = {
@@ -96,13 +97,8 @@ def _copy(item: bpy.types.Object, temporary: list[bpy.types.ID]) -> bpy.types.Ob
 
     The copy and its actions are appended to `temporary`.
     """
-    copy = item.copy()
+    copy = copy_unlinked(item)
     temporary.append(copy)
-    if copy.override_library:
-        copy.make_local()
-    # Blender puts a copy of a rigid body into the simulation
-    for collection in copy.users_collection:
-        collection.objects.unlink(copy)
     copy.hide_viewport = False
     for modifier in copy.modifiers:
         for viewport, render in _pairs(modifier):

@@ -11,8 +11,8 @@ import bpy
 import numpy as np
 
 from . import scene_cache
-from .emission import casts, emits
 from .guard import handler
+from .materials import casts, emits
 from .ownership import OWNED, is_ours
 from .references import reached_blocks
 

@@ -9,6 +9,7 @@ import numpy as np
 from ...crowd_lod.progress import Work
 from ..blender import removal
 from ..blender.animation import armatures_of
+from ..blender.object_copies import copy_unlinked
 from ..blender.performance import Performance
 from .bone_channels import ROUNDING, channels, turned_shortly
 from .rig_needs import deforming
@@ -88,17 +89,6 @@ def _bare(actor: bpy.types.Object) -> bpy.types.Object:
     """Return a copy of the object without modifiers that moves as it does."""
     copy = copy_unlinked(actor)
     copy.modifiers.clear()
-    return copy
-
-
-def copy_unlinked(item: bpy.types.Object) -> bpy.types.Object:
-    """Return a copy of the object that is in no collection."""
-    copy = item.copy()
-    if copy.override_library:
-        copy.make_local()
-    # Blender puts a copy of a rigid body into the simulation
-    for collection in copy.users_collection:
-        collection.objects.unlink(copy)
     return copy
 
 

@@ -14,6 +14,7 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.progress import Work
 from ..blender import mesh_data
 from ..blender.animation import armatures_of
+from ..blender.materials import source_of
 from ..blender.named_actions import own_performance
 from ..blender.performance import Performance
 from ..blender.references import reached_blocks
@@ -310,7 +311,7 @@ def displacement(material: bpy.types.Material) -> float | None:
 
 def _shift(socket: bpy.types.NodeSocket) -> float | None:
     """Return the longest vector into the socket "Displacement", None if unknown."""
-    node, _ = _source(socket)
+    node, _ = source_of(socket)
     if node is None or node.mute or node.type not in ("DISPLACEMENT", "VECTOR_DISPLACEMENT"):
         return None
     whole = node.type == "VECTOR_DISPLACEMENT"
@@ -324,21 +325,9 @@ def _shift(socket: bpy.types.NodeSocket) -> float | None:
     return (3**0.5 if whole else 1.0) * off * max(map(abs, scale))
 
 
-def _source(
-    socket: bpy.types.NodeSocket,
-) -> tuple[bpy.types.Node | None, bpy.types.NodeSocket | None]:
-    """Return the (node, output) that feed the socket, or (None, None)."""
-    while socket.is_linked:
-        link = socket.links[0]
-        if link.from_node.type != "REROUTE":
-            return link.from_node, link.from_socket
-        socket = link.from_node.inputs[0]
-    return None, None
-
-
 def _range(socket: bpy.types.NodeSocket) -> tuple[float, float] | None:
     """Return (least, most) of the values that enter the socket, or None if unbounded."""
-    node, output = _source(socket)
+    node, output = source_of(socket)
     if node is None:
         return None if socket.is_linked else _ends(socket.default_value)
     if node.mute:

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import bpy
 
 from ...crowd_lod.messages import Kind, Message
-from ..blender.emission import emits
+from ..blender.materials import emits
 from .characters import characters_of
 
 # rays that meet light

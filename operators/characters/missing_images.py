@@ -7,7 +7,7 @@ import bpy
 
 from ...crowd_lod.format import printable
 from ...crowd_lod.messages import Kind, Message
-from ..blender.image_nodes import image_nodes
+from ..blender.materials import images_in
 from .rig_needs import Characters
 
 
@@ -15,8 +15,7 @@ def notes_on_images(characters: Characters) -> Iterator[Message]:
     """Yield messages on the characters' images whose files are missing."""
     for name, objects, _ in characters:
         materials = {slot.material for item in objects for slot in item.material_slots}
-        nodes = [node for each in materials - {None} for node, _ in image_nodes(each.node_tree)]
-        images = {node.image for node in nodes}
+        images = set().union(*map(images_in, materials - {None}))
         if paths := sorted(printable(_path_of(image)) for image in images if _is_missing(image)):
             yield Message(Kind.IMAGE_MISSING, name, {"paths": paths})
 

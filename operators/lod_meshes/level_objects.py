@@ -10,6 +10,7 @@ from ...crowd_lod.progress import run_in_thread, run_steps_in_thread
 from ...crowd_lod.simplification.decimate import decimating
 from ..blender import mesh_data, removal
 from ..blender.animation import armatures_of
+from ..blender.object_copies import copy_unlinked, mesh_like
 from ..blender.ownership import OWNED
 from . import attribute_transfer
 from . import source_mesh as sources
@@ -144,7 +145,7 @@ def _make_mesh(source: sources.Source, ratio: float) -> Generator[None, None, _M
 
 def _leave_out(item: bpy.types.Object) -> tuple[bpy.types.Object, int, int]:
     """Return an object without a face in place of `item`, and its (vertices, triangles): none."""
-    copy = mesh_data.mesh_like(item, bpy.data.meshes.new(item.name))
+    copy = mesh_like(item, bpy.data.meshes.new(item.name))
     copy[WAY] = "NONE"
     copy[WHY] = "It is left out: nobody sees that it is gone where agents show this LOD."
     copy[MILLISECONDS] = 0.0
@@ -185,14 +186,9 @@ def _rigs(item: bpy.types.Object, groups: list[str]) -> list[set[str]]:
 
 def copy_object(item: bpy.types.Object) -> bpy.types.Object:
     """Return a copy that shares the object's data, is shown, and is in no collection."""
-    copy = item.copy()
-    if copy.override_library:
-        copy.make_local()
+    copy = copy_unlinked(item)
     for name in (OWNED, AS_MADE, WAY, WHY, MILLISECONDS, GIVEN):  # of a LOD that became a character
         copy.pop(name, None)
-    # Blender puts a copy of a rigid body into the simulation
-    for collection in copy.users_collection:
-        collection.objects.unlink(copy)
     copy.hide_render = copy.hide_viewport = False
     return copy
 
@@ -202,7 +198,7 @@ def _stand_in(item: bpy.types.Object, mesh: bpy.types.Mesh) -> bpy.types.Object:
 
     It copies the transforms of `item` and follows the same armatures.
     """
-    copy = mesh_data.mesh_like(item, mesh)
+    copy = mesh_like(item, mesh)
     copy.constraints.new("COPY_TRANSFORMS").target = item
     for armature in armatures_of([item]):
         copy.modifiers.new(armature.name, "ARMATURE").object = armature

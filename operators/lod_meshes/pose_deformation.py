@@ -8,6 +8,7 @@ import numpy as np
 from ...crowd_lod.simplification import settings
 from ...crowd_lod.simplification.pose_deformation import Skin, frames_of
 from ..blender import removal
+from ..blender.object_copies import copy_unlinked
 from ..blender.render_evaluation import new_stage
 from .attribute_transfer import set_keys
 from .source_mesh import FOLLOWED, Source, positions
@@ -87,11 +88,9 @@ def _twin(source: Source, points: np.ndarray, new_blocks: list[bpy.types.ID]) ->
 
     Only what LODs follow deforms it. Its data-blocks are added to `new_blocks`.
     """
-    twin = source.item.copy()
+    twin = copy_unlinked(source.item)
     mesh = source.mesh.copy()
     new_blocks += [twin, mesh]
-    if twin.override_library:
-        twin.make_local()
     twin.hide_viewport = False
     mesh.vertices.foreach_set("co", points.astype(np.float32).ravel())
     twin.data = mesh

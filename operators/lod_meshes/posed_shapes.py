@@ -8,8 +8,8 @@ import numpy as np
 
 from ...crowd_lod.progress import Work
 from ..blender import mesh_data
+from ..blender.materials import is_opaque
 from ..blender.named_actions import own_performance
-from ..blender.opacity import is_opaque
 from ..blender.performance import Performance
 from ..blender.render_evaluation import as_rendered
 from .surface import Surface, has_area

@@ -15,6 +15,7 @@ from ...crowd_lod.progress import finished
 from ...crowd_lod.simplification.pose_deformation import Skin
 from ..blender import mesh_data, removal
 from ..blender.animation import armatures_of, curves_of
+from ..blender.object_copies import SHOWN, copy_unlinked
 from ..blender.provenance import source_digest, text_digest
 from ..blender.references import closure_of
 from ..blender.render_evaluation import new_stage
@@ -142,11 +143,9 @@ def read_source(item: bpy.types.Object) -> Source:
     Modifiers are those that renders show.
     CrowdError if the mesh has vertices at NaN or infinity.
     """
-    twin = item.copy()
+    twin = copy_unlinked(item)
     new_blocks = [twin]
     try:
-        if twin.override_library:
-            twin.make_local()
         twin.hide_viewport = False  # or it would not be evaluated
         if item.type == "MESH":
             item.update_from_editmode()
@@ -396,7 +395,7 @@ def object_digest(item: bpy.types.Object, source: Source) -> str:
     appearance = (
         [
             getattr(item, name)
-            for name in mesh_data.SHOWN
+            for name in SHOWN
             if name not in ("hide_render", "hide_viewport", "color")
         ],
         [slot.material and slot.material.name_full for slot in item.material_slots],

@@ -10,8 +10,8 @@ from ...crowd_lod import srgb
 from ...crowd_lod.errors import CrowdError
 from ..blender import image_data, scene_data
 from ..blender.labeled_properties import IntProperty, StringProperty
+from ..blender.materials import switch_nodes_on
 from ..blender.operator import Reporting
-from ..blender.shader_nodes import switch_nodes_on
 from ..settings.lengths import set_lengths
 from . import map_areas
 from .scene_world import area_of, machine_of

@@ -6,8 +6,8 @@ import bpy
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
+from ..blender.materials import used_nodes
 from ..blender.operator import Reporting
-from ..blender.shader_nodes import used_nodes
 from ..settings import needs
 from .nodes.agent_aovs import AOVS, agent_aovs
 from .shelves import shelves_of

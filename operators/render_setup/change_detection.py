@@ -5,9 +5,9 @@ from collections.abc import Iterable
 import bpy
 import numpy as np
 
-from ..blender import mesh_data
 from ..blender.animation import curves_of, players_of
 from ..blender.contents import custom_properties, read_columns, still_inputs
+from ..blender.object_copies import SHOWN
 from ..blender.provenance import text_digest
 
 CORNERS = (("co", 2, "f4"),)  # of a curve's keys: the rest is the same in all that rigs play
@@ -63,7 +63,7 @@ def _shown(item: bpy.types.Object) -> list:
         for home in (linking.receiver_collection, linking.blocker_collection)
     ]
     slots = [(slot.link, slot.material and slot.material.name_full) for slot in item.material_slots]
-    flags = [repr(getattr(item, name)) for name in mesh_data.SHOWN]
+    flags = [repr(getattr(item, name)) for name in SHOWN]
     return [*flags, slots, *custom_properties(item), item.lightgroup, linked]
 
 

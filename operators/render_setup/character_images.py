@@ -7,7 +7,7 @@ from pathlib import Path
 import bpy
 
 from ...crowd_lod.format import byte_size
-from ..blender.image_nodes import image_nodes
+from ..blender.materials import images_in
 from ..blender.operator import Reporting
 
 CACHE = "blender_tx"  # the folder beside an image that has its cache, unless the user chose another
@@ -17,8 +17,7 @@ IMAGE_BYTES = "crowd_lod_image_bytes"  # custom property of the build's collecti
 def images_of(items: Iterable[bpy.types.Object]) -> set[bpy.types.Image]:
     """Return the images in the materials of the objects `items`."""
     materials = {slot.material for item in items for slot in item.material_slots} - {None}
-    trees = (material.node_tree for material in materials)
-    return {node.image for tree in trees for node, _ in image_nodes(tree)}
+    return set().union(*map(images_in, materials))
 
 
 def image_bytes(images: Iterable[bpy.types.Image]) -> int:

@@ -15,8 +15,9 @@ from ...crowd_lod.animation.phase_classes import Library
 from ...crowd_lod.progress import Work
 from ...crowd_lod.shot.stand_ins import hold_shown, stand_ins
 from ...crowd_lod.sources.trajectory import Trajectory
-from ..blender import mesh_data, removal
+from ..blender import removal
 from ..blender.named_actions import group_performance
+from ..blender.object_copies import mesh_like
 from ..blender.ownership import OWNED
 from ..blender.performance import Performance
 from ..blender.removal import removed_on_failure
@@ -308,7 +309,7 @@ def _still(
             evaluated, preserve_all_data_layers=True, depsgraph=depsgraph
         )
     matrix = Matrix.Translation(-home.instance_offset) @ evaluated.matrix_world
-    still = item.copy() if mesh is None or item.type == "MESH" else mesh_data.mesh_like(item, mesh)
+    still = item.copy() if mesh is None or item.type == "MESH" else mesh_like(item, mesh)
     cast.names[still] = f"{item.name} {number:05d}"
     still.animation_data_clear()
     still.constraints.clear()

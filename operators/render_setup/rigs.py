@@ -16,8 +16,9 @@ from mathutils import Matrix
 
 from ...crowd_lod.progress import Work
 from ..blender import mesh_data, removal
+from ..blender.object_copies import copy_unlinked
 from ..blender.performance import Performance
-from ..characters.bone_motion import NEAR, copy_unlinked
+from ..characters.bone_motion import NEAR
 from ..characters.rig_needs import refusal
 from .close_recording import record_closely, refine
 from .rig_models import TRACKS, Model, fill_curve, model_of

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...crowd_lod.frame.frame import Frame
 from ..blender import cameras, image_data, mesh_data, removal, scene_data
-from ..blender.shader_nodes import switch_nodes_on
+from ..blender.materials import switch_nodes_on
 from ..overlay.agent_colors import by_error
 from ..overlay.playblast import caption_size
 from ..render_setup import frame_update, render_setup, view_layers

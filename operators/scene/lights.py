@@ -11,7 +11,7 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.shadows import Surroundings
 from ..blender import frame_stepping, mesh_data, scene_data
 from ..blender.cameras import camera_at, read_shutter, shutter_times
-from ..blender.emission import casts, emits
+from ..blender.materials import casts, emits
 from ..blender.scenery import SOLID, Placed, Scenery, matrix_of, scenery_of
 from ..characters.glow import glowing
 from .frame_plan import SceneMoment

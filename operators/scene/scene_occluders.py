@@ -7,9 +7,9 @@ import bpy
 from ...crowd_lod.crowd.leave_outs import LeftOut
 from ...crowd_lod.culling.occluders import Occluders, join_occluders
 from ..blender import frame_stepping
-from ..blender.mesh_data import SHOWN
+from ..blender.materials import hides_in_all_engines
+from ..blender.object_copies import SHOWN
 from ..blender.occluders import read_occluders
-from ..blender.opacity import hides_in_all_engines
 from ..blender.ownership import OWNED
 from ..blender.provenance import character_digest, text_digest
 from ..blender.scenery import Scenery

@@ -9,6 +9,7 @@ import bpy
 from ...crowd_lod.reporting.png_file import save_png
 from ..blender import image_data
 from ..blender.material_colors import Looks
+from ..blender.materials import shader_of
 
 # endings of image files that every USD reader knows (OpenUSD's compliance checker)
 READ_BY_ALL = (".png", ".jpg", ".jpeg", ".exr")
@@ -109,11 +110,7 @@ class Materials:
 
 def _shine(material: bpy.types.Material | None) -> dict[str, float]:
     """Return roughness and metallic of the material's shader, where it has them as numbers."""
-    node = None
-    if material is not None and material.node_tree is not None:
-        output = material.node_tree.get_output_node("ALL")
-        links = output.inputs["Surface"].links if output else ()
-        node = links[0].from_node if links else None
+    node = shader_of(material) if material is not None else None
     sockets = (
         {name.lower(): node.inputs.get(name) for name in ("Roughness", "Metallic")}
         if node is not None

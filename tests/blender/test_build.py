@@ -4,7 +4,7 @@ import pytest
 from bpy_extras.object_utils import world_to_camera_view
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.blender import image_data
-from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
+from crowd_lod_extension.operators.blender.materials import switch_nodes_on
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.render_setup import buckets, render_setup
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd, trajectory_of

@@ -10,7 +10,7 @@ from crowd_lod_extension.crowd_lod.culling.camera import frustum_corners
 from crowd_lod_extension.crowd_lod.culling.radar import radar
 from crowd_lod_extension.crowd_lod.validation.culling_judge import standing_crowd
 from crowd_lod_extension.operators.blender import cameras, image_data
-from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
+from crowd_lod_extension.operators.blender.materials import switch_nodes_on
 from mathutils import Euler, Matrix, Vector
 
 FULL = bool(os.environ.get("CROWD_LOD_FULL"))

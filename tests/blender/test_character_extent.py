@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.blender import image_data
-from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
+from crowd_lod_extension.operators.blender.materials import switch_nodes_on
 from crowd_lod_extension.operators.characters import group_measuring, stored_groups
 from crowd_lod_extension.operators.characters.characters import characters_of
 from crowd_lod_extension.operators.lod_meshes.deviation import measure_levels

@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.blender.emission import emits
+from crowd_lod_extension.operators.blender.materials import emits
 from crowd_lod_extension.operators.characters.glow import glowing, notes_on_glow
 from crowd_lod_extension.operators.characters.group_measuring import measure_groups
 from crowd_lod_extension.operators.characters.stored_groups import store_groups

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
+from crowd_lod_extension.operators.blender.materials import switch_nodes_on
 from crowd_lod_extension.operators.blender.steps import Slices
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd import leave_outs
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
+from crowd_lod_extension.operators.blender.materials import switch_nodes_on
 from crowd_lod_extension.operators.characters.group_measuring import measure_groups
 from crowd_lod_extension.operators.characters.stored_groups import store_groups
 from crowd_lod_extension.operators.render_setup import buckets, render_setup

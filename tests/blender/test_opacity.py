@@ -2,8 +2,11 @@
 
 import bpy
 import pytest
-from crowd_lod_extension.operators.blender.opacity import hides_in_all_engines, is_opaque
-from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
+from crowd_lod_extension.operators.blender.materials import (
+    hides_in_all_engines,
+    is_opaque,
+    switch_nodes_on,
+)
 
 
 def made_of(*kinds):

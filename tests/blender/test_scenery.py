@@ -7,7 +7,7 @@ import crowd_lod_extension
 import numpy as np
 import pytest
 from crowd_lod_extension.operators.blender import scenery
-from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
+from crowd_lod_extension.operators.blender.materials import switch_nodes_on
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ theirs.
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
+from crowd_lod_extension.operators.blender.materials import switch_nodes_on
 from crowd_lod_extension.operators.characters.stored_groups import groups_of
 from crowd_lod_extension.operators.characters.take_action import CROWDLOD_OT_take_action
 from crowd_lod_extension.operators.characters.walk_choice import take_walks
@@ -239,7 +239,10 @@ def test_images_that_did_not_come_along_are_told_with_the_way_out(skinned, tmp_p
     image.save()
     image.source = "FILE"
     shirt = bpy.data.materials.new("shirt")
-    switch_nodes_on(shirt).nodes.new("ShaderNodeTexImage").image = image
+    tree = switch_nodes_on(shirt)
+    node = tree.nodes.new("ShaderNodeTexImage")
+    node.image = image
+    tree.links.new(node.outputs["Color"], tree.nodes["Principled BSDF"].inputs["Base Color"])
     bpy.data.objects["body"].data.materials.append(shirt)
     image.filepath = str(tmp_path / "Textures" / "colormap.png")
     image.reload()

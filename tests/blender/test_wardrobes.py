@@ -8,8 +8,8 @@ from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.shot.shot_cost import work_in
 from crowd_lod_extension.operators.blender import scene_data
 from crowd_lod_extension.operators.blender.material_colors import BY_AGENT, Looks
+from crowd_lod_extension.operators.blender.materials import switch_nodes_on
 from crowd_lod_extension.operators.blender.mesh_data import read_points
-from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
 from crowd_lod_extension.operators.characters.characters import all_characters
 from crowd_lod_extension.operators.characters.group_measuring import measure_groups
 from crowd_lod_extension.operators.characters.stored_groups import store_groups

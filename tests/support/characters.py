@@ -2,7 +2,7 @@
 
 import bpy
 import numpy as np
-from crowd_lod_extension.operators.blender.shader_nodes import switch_nodes_on
+from crowd_lod_extension.operators.blender.materials import switch_nodes_on
 
 
 def tube(
