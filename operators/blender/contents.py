@@ -14,6 +14,7 @@ import bpy
 import numpy as np
 
 from .animation import DELTAS, PLACE, curves_and_drivers, curves_of, strips_in, tracks_of
+from .ownership import OWNED
 from .scene_data import node_inputs
 
 MOST_WEIGHED = 20_000  # vertices of a mesh whose weights are read, evenly
@@ -282,7 +283,10 @@ def _is_left_out(setting: bpy.types.Property, bases: set[str]) -> bool:
 
 
 def custom_properties(item: bpy.types.ID) -> list[tuple[str, str]]:
-    """Return (name, value as text) of each custom property that nothing animates, sorted."""
+    """Return (name, value as text) of each custom property that nothing animates, sorted.
+
+    Those of ours are left out: they tell of the making, such as how long it took.
+    """
 
     def read(value) -> Any:
         told = getattr(value, "to_dict", None) or getattr(value, "to_list", None)
@@ -292,7 +296,7 @@ def custom_properties(item: bpy.types.ID) -> list[tuple[str, str]]:
     return sorted(
         (key, repr(read(value)))
         for key, value in item.items()
-        if f'["{bpy.utils.escape_identifier(key)}"]' not in moved
+        if not key.startswith(OWNED) and f'["{bpy.utils.escape_identifier(key)}"]' not in moved
     )
 
 
