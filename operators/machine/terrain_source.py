@@ -8,6 +8,7 @@ import numpy as np
 from ...crowd_lod.crowd.maps import FARTHEST
 from ...crowd_lod.crowd.terrain import Terrain, upward
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.mesh import Mesh, join
 from ...crowd_lod.messages import Kind, Message
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import kept_meshes, mesh_data, scene_cache, scene_data
@@ -47,23 +48,19 @@ def read_terrain(crowd, depsgraph: bpy.types.Depsgraph) -> None:
         crowd.terrain_mesh = None
         return
     objects = objects_of(crowd)
-    points = []
-    triangles = []
-    count = 0
     meters = scene_data.meters(crowd.id_data)
-    for _, _, vertices, sides in kept_meshes.evaluated_triangles(objects, depsgraph):
-        sides = sides[upward(vertices[sides], meters)]
-        points.append(vertices)
-        triangles.append(sides + count)
-        count += len(vertices)
-    corners = np.concatenate(triangles) if triangles else np.empty((0, 3), np.int32)
-    if not len(corners):
+    sides = [Mesh(np.empty((0, 3)), np.empty((0, 3), np.int32))]
+    for _, _, read in kept_meshes.evaluated_meshes(objects, depsgraph):
+        faces = read.triangles[upward(read.points[read.triangles], meters)]
+        sides.append(Mesh(read.points, faces))
+    ground = join(sides)
+    if not len(ground.triangles):
         raise CrowdError(
             f"The terrain {_name(crowd)} has no face that one can stand on: choose one with faces "
             f"that are not upright."
         )
-    used, corners = np.unique(corners, return_inverse=True)
-    places = np.concatenate(points)[used]
+    used, corners = np.unique(ground.triangles, return_inverse=True)
+    places = ground.points[used]
     if np.abs(places).max() * meters > FARTHEST:
         raise CrowdError(
             f"The terrain {_name(crowd)} reaches beyond {FARTHEST:,.0f} m from the world's "
