@@ -25,6 +25,8 @@ from pathlib import Path
 import bpy
 import crowd_lod_extension
 import numpy as np
+from crowd_lod_extension.crowd_lod.messages import from_json
+from crowd_lod_extension.operators.settings.messages import in_words
 from lod_judges import LENS, SENSOR, WIDTH, Lod, Stage, judge_bounds, judge_outlines
 from mathutils import Euler
 
@@ -153,7 +155,8 @@ def try_character(
             lod.figures = figures[lod.triangles, lod.bound]
         rows += [row_of(path.stem, source, near, lod, height, seconds) for lod in lods]
         if not lods:
-            why = bpy.context.scene.crowd_lod.dropped
+            dropped = from_json(bpy.context.scene.crowd_lod.dropped)
+            why = "\n".join(line.sentence for line in in_words(dropped))
             rows.append({"name": path.stem, "source": source, "near": near, "why": why})
     return rows
 

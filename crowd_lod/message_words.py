@@ -324,6 +324,69 @@ def _places_left_out(several: Sequence[Message], _: str) -> str:
     )
 
 
+def _saves_little(several: Sequence[Message], _: str) -> str:
+    finer = several[0].facts["finer"]
+    return f"{_lod(several)} save less than a fifth of the {finer:,} of the next finer LOD."
+
+
+def _beside_given(several: Sequence[Message], _: str) -> str:
+    return f"{_lod(several)} save too little beside a given LOD of {several[0].facts['given']:,}."
+
+
+def _deviates_as_much(several: Sequence[Message], _: str) -> str:
+    return f"{_lod(several)} deviate as much as {several[0].facts['fewer']:,} triangles, or more."
+
+
+def _never_alike(several: Sequence[Message], _: str) -> str:
+    return f"{_lod(several)} do not look like the character from any distance."
+
+
+def _too_coarse(several: Sequence[Message], _: str) -> str:
+    return (
+        f"{_lod(several)} show more than the tolerance at any distance, for the camera is "
+        f"orthographic."
+    )
+
+
+def _too_fine(several: Sequence[Message], _: str) -> str:
+    return (
+        f"{_lod(several)} are more than the tolerance needs at any distance, for the camera is "
+        f"orthographic."
+    )
+
+
+def _begins_too_far(several: Sequence[Message], _: str) -> str:
+    begin, farthest = (number(several[0].facts[name]) for name in ("begin", "farthest"))
+    return (
+        f"{_lod(several)} would begin {begin} m away, and the farthest agent is {farthest} m away."
+    )
+
+
+def _ends_too_near(several: Sequence[Message], _: str) -> str:
+    end, nearest = (number(several[0].facts[name]) for name in ("end", "nearest"))
+    return f"{_lod(several)} would end {end} m away, and the nearest agent is {nearest} m away."
+
+
+def _too_few(several: Sequence[Message], _: str) -> str:
+    few, frames = (several[0].facts[name] for name in ("few", "frames"))
+    return (
+        f"{_lod(several)} are too few for all agents in {few} of the {frames} frames checked, and "
+        f"more than needed in the others."
+    )
+
+
+def _not_worth_it(several: Sequence[Message], _: str) -> str:
+    engine = several[0].facts["engine"]
+    return f"{_lod(several)} save too little memory and time in {engine} to be worth a LOD."
+
+
+def _lod(several: Sequence[Message]) -> str:
+    """Return whose LOD it is, and its triangles."""
+    facts = several[0].facts
+    about = "" if facts["measured"] else "About "
+    return f"{_subjects(several)}: {about}{facts['triangles']:,} triangles"
+
+
 WORDS: dict[Kind, Callable[[Sequence[Message], str], str]] = {
     Kind.OFF_COLOR: _off_color,
     Kind.CHATTERS: _chatters,
@@ -351,6 +414,30 @@ WORDS: dict[Kind, Callable[[Sequence[Message], str], str]] = {
     Kind.TERRAIN_OF_CHARACTERS: _terrain_of_characters,
     Kind.TERRAIN_MOVES: _terrain_moves,
     Kind.PLACES_LEFT_OUT: _places_left_out,
+    Kind.SAVES_LITTLE: _saves_little,
+    Kind.BESIDE_GIVEN: _beside_given,
+    Kind.DEVIATES_AS_MUCH: _deviates_as_much,
+    Kind.NEVER_ALIKE: _never_alike,
+    Kind.TOO_COARSE: _too_coarse,
+    Kind.TOO_FINE: _too_fine,
+    Kind.BEGINS_TOO_FAR: _begins_too_far,
+    Kind.ENDS_TOO_NEAR: _ends_too_near,
+    Kind.TOO_FEW: _too_few,
+    Kind.NOT_WORTH_IT: _not_worth_it,
 }
 # facts in which subjects of one sentence agree
-APART = {Kind.ROOT_MOTION: ("action",), Kind.FEET_SLIDE: ("state", "stride")}
+LOD = "measured", "triangles"
+APART = {
+    Kind.ROOT_MOTION: ("action",),
+    Kind.FEET_SLIDE: ("state", "stride"),
+    Kind.SAVES_LITTLE: (*LOD, "finer"),
+    Kind.BESIDE_GIVEN: (*LOD, "given"),
+    Kind.DEVIATES_AS_MUCH: (*LOD, "fewer"),
+    Kind.NEVER_ALIKE: LOD,
+    Kind.TOO_COARSE: LOD,
+    Kind.TOO_FINE: LOD,
+    Kind.BEGINS_TOO_FAR: (*LOD, "begin", "farthest"),
+    Kind.ENDS_TOO_NEAR: (*LOD, "end", "nearest"),
+    Kind.TOO_FEW: (*LOD, "few", "frames"),
+    Kind.NOT_WORTH_IT: (*LOD, "engine"),
+}

@@ -43,6 +43,17 @@ class Kind(StrEnum):
     TERRAIN_OF_CHARACTERS = auto()
     TERRAIN_MOVES = auto()
     PLACES_LEFT_OUT = auto()
+    # of LODs that were not made
+    SAVES_LITTLE = auto()
+    BESIDE_GIVEN = auto()
+    DEVIATES_AS_MUCH = auto()
+    NEVER_ALIKE = auto()
+    TOO_COARSE = auto()
+    TOO_FINE = auto()
+    BEGINS_TOO_FAR = auto()
+    ENDS_TOO_NEAR = auto()
+    TOO_FEW = auto()
+    NOT_WORTH_IT = auto()
 
 
 @dataclass(frozen=True)

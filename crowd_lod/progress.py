@@ -13,7 +13,6 @@ from itertools import count
 from typing import Any, TypeVar
 
 THREADS = min(os.cpu_count() or 1, 4)
-QUARTER = 0.25  # the progress from which on the time left is told, see `after_quarter`
 LOOK = 0.02  # seconds between two looks at work that another thread does
 _own = threading.local()
 Made = TypeVar("Made")  # what the work returns
@@ -58,7 +57,12 @@ class Work:
         """
         begin = self._progress(0.0)
         more = self._progress(cost) - begin
-        result = yield from _told(steps, lambda part: begin + more * part if more else begin)
+
+        def whole(part: Any) -> float:
+            progress = begin + more * part if more else begin
+            return Unsure(progress) if isinstance(part, Unsure) else progress
+
+        result = yield from _told(steps, whole)
         self.did(cost)
         return result
 
@@ -75,13 +79,17 @@ class Work:
         return done / whole if whole else 0.0
 
 
-def after_quarter(cost: float) -> float:
-    """Return the cost of parts that follow on others of `cost`, which are the first quarter then.
+class Unsure(float):
+    """A progress that tells nothing of the time left."""
 
-    It is for parts that take another time than these on each machine, such as renders after LODs:
-    the time left is told of the parts that follow.
+
+def unsure(steps: Generator[float, None, Made]) -> Generator[float, None, Made]:
+    """Yield the generator's progress as Unsure, and return its result.
+
+    It is for parts before others that take another time beside them on each machine, such as making
+    LODs before renders.
     """
-    return cost * (1 - QUARTER) / QUARTER or 1.0
+    return (yield from _told(steps, Unsure))
 
 
 def open_ended_progress(

@@ -2,18 +2,19 @@
 
 from collections import deque
 
-from .progress import QUARTER
+from .progress import Unsure
 
+EARLY = 0.25  # progress from which on it is said
 KNOWN = 1.4  # times that estimates of the whole differ, at most, where it is said
 LEAST = 0.1  # of the progress that must have been seen, and seconds
 SECONDS = 2.0
 
 
 class TimeLeft:
-    """The time that a step has left, as its progress tells from QUARTER on.
+    """The time that a step has left, as its progress tells that is not Unsure.
 
-    It is said where the latter half of the time since then has told about the same whole: some
-    searches take more tries than others, and call for further ones.
+    It is said where the latter half of the time has told about the same whole: some searches take
+    more tries than others, and call for further ones.
     """
 
     def __init__(self) -> None:
@@ -25,12 +26,12 @@ class TimeLeft:
 
         progress: 0 to 1, reached in `seconds`.
         """
-        if progress < QUARTER:  # again, if more is to do than was known
+        if isinstance(progress, Unsure):
             self._begin = None
-            self._wholes.clear()
             return ""
-        if self._begin is None:
+        if self._begin is None or progress < self._begin[1]:
             self._begin = seconds, progress
+            self._wholes.clear()
         taken = seconds - self._begin[0]
         done = progress - self._begin[1]
         if taken < SECONDS or done < LEAST:
@@ -39,7 +40,7 @@ class TimeLeft:
         while self._wholes[0][0] < taken / 2:
             self._wholes.popleft()
         wholes = [whole for _, whole in self._wholes]
-        if max(wholes) > KNOWN * min(wholes):
+        if progress < EARLY or max(wholes) > KNOWN * min(wholes):
             return ""
         return f", about {_duration(max(wholes[-1] - taken, 0.0))} left"
 

@@ -4,13 +4,14 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 
 from ..crowd.agents import Group
 from ..culling.camera import Camera
 from ..errors import CrowdError
-from ..format import number
+from ..messages import Kind, Message
 from ..progress import finished
 from .assignment import MOST_LEVELS, LevelPolicy, deviations, limits
 from .cost_model import NAMES, Actors, Costs, Holdings, Price, price, work_of
@@ -69,8 +70,8 @@ def choose(
     views: Sequence[View],
     meters: float = 1.0,
     given: Collection[int] = (),
-) -> tuple[list[int], dict[int, str]]:
-    """Return (candidates to keep, {dropped candidate: reason, a sentence}).
+) -> tuple[list[int], dict[int, Message]]:
+    """Return (candidates to keep, {dropped candidate: why}).
 
     The first is always kept: it is the character. Another one is dropped in these cases:
     - One with fewer triangles deviates no more.
@@ -79,7 +80,7 @@ def choose(
     - In no view an agent is at a distance at which it would be used within the tolerance.
     group: with triangles and bounds of its candidates, finest first.
     tolerance: pixels.
-    meters: the length of a unit in meters, for the sentences.
+    meters: the length of a unit in meters, for the messages.
     given: candidates that artists made. Only the last two rules drop these.
     """
     candidates, dropped = _worth_making(group, given)
@@ -98,18 +99,24 @@ def choose(
         begins.append(begin)
     edges = np.array(begins)
     for j in (np.flatnonzero(~is_used[1:]) + 1).tolist():
-        triangles = group.triangles[candidates[j]]
+        k = candidates[j]
         if (np.isfinite(edges[:, j + 1]) & (edges[:, j] >= edges[:, j + 1])).all():
             fewer = group.triangles[candidates[j + 1]]
-            reason = f"deviate as much as {fewer:,} triangles, or more."
+            dropped[k] = _not_made(Kind.DEVIATES_AS_MUCH, group, k, fewer=fewer)
         else:
-            reason = _unused(j, edges, views, meters)
-        dropped[candidates[j]] = f"{triangles:,} triangles {reason}"
+            kind, facts = _unused(j, edges, views, meters)
+            dropped[k] = _not_made(kind, group, k, **facts)
     return [k for k, needed in zip(candidates, is_used, strict=True) if needed or k == 0], dropped
 
 
-def _worth_making(group: Group, given: Collection[int]) -> tuple[list[int], dict[int, str]]:
-    """Return (candidates, {dropped candidate: reason}) by the rules of `choose` without views."""
+def _not_made(kind: Kind, group: Group, k: int, **facts: Any) -> Message:
+    """Return why candidate `k` is not made."""
+    lod = {"triangles": int(group.triangles[k]), "measured": True}
+    return Message(kind, group.name, lod | facts)
+
+
+def _worth_making(group: Group, given: Collection[int]) -> tuple[list[int], dict[int, Message]]:
+    """Return (candidates, {dropped candidate: why}) by the rules of `choose` without views."""
     candidates = [0]
     dropped = {}
     for k in range(1, len(group.triangles)):
@@ -120,21 +127,20 @@ def _worth_making(group: Group, given: Collection[int]) -> tuple[list[int], dict
         rivals = [group.triangles[n] for n in given if n > k and k not in given]
         rivals = [triangles for triangles in rivals if triangles > (1 - LEAST_SAVED) * count]
         if rivals:
-            dropped[k] = f"{count:,} triangles save too little beside a given LOD of {rivals[0]:,}."
+            dropped[k] = _not_made(Kind.BESIDE_GIVEN, group, k, given=int(rivals[0]))
         elif lower and k not in given:
-            dropped[k] = f"{count:,} triangles deviate as much as {lower[0]:,} triangles, or more."
+            dropped[k] = _not_made(Kind.DEVIATES_AS_MUCH, group, k, fewer=int(lower[0]))
         elif count > (1 - LEAST_SAVED) * finer:
-            dropped[k] = (
-                f"{count:,} triangles save less than a fifth of the {finer:,} of the next finer "
-                f"LOD."
-            )
+            dropped[k] = _not_made(Kind.SAVES_LITTLE, group, k, finer=int(finer))
         else:
             candidates.append(k)
     return candidates, dropped
 
 
-def _unused(j: int, edges: np.ndarray, views: Sequence[View], meters: float) -> str:
-    """Return why no agent uses candidate j.
+def _unused(
+    j: int, edges: np.ndarray, views: Sequence[View], meters: float
+) -> tuple[Kind, dict[str, Any]]:
+    """Return why no agent uses candidate j: the kind of message, and its facts.
 
     The numbers are those of the view that comes closest to using it.
     edges: (views, candidates + 1) meters, where each candidate begins and where the last ends.
@@ -144,27 +150,20 @@ def _unused(j: int, edges: np.ndarray, views: Sequence[View], meters: float) -> 
     nearest, farthest = np.array([(view.nearest, view.farthest) for view in views]).T
     coarse = begin > farthest
     if np.isinf(begin).all() and coarse.all() and views[0].camera.kind != "ORTHO":
-        return "do not look like the character from any distance."
+        return Kind.NEVER_ALIKE, {}
     if np.isinf(begin).all() and coarse.all():
-        return "show more than the tolerance at any distance, for the camera is orthographic."
+        return Kind.TOO_COARSE, {}
     if np.isinf(begin).all() and not coarse.any():
-        return "are more than the tolerance needs at any distance, for the camera is orthographic."
+        return Kind.TOO_FINE, {}
     if coarse.all():
         i = (begin / farthest).argmin()
-        return (
-            f"would begin {number(meters * begin[i])} m away, and the farthest agent is "
-            f"{number(meters * farthest[i])} m away."
-        )
+        far = {"begin": float(meters * begin[i]), "farthest": float(meters * farthest[i])}
+        return Kind.BEGINS_TOO_FAR, far
     if not coarse.any():
         i = (end / nearest).argmax()
-        return (
-            f"would end {number(meters * end[i])} m away, and the nearest agent is "
-            f"{number(meters * nearest[i])} m away."
-        )
-    return (
-        f"are too few for all agents in {coarse.sum()} of the {len(views)} frames checked, and "
-        f"more than needed in the others."
-    )
+        near = {"end": float(meters * end[i]), "nearest": float(meters * nearest[i])}
+        return Kind.ENDS_TOO_NEAR, near
+    return Kind.TOO_FEW, {"few": int(coarse.sum()), "frames": len(views)}
 
 
 @dataclass(frozen=True)
@@ -247,10 +246,10 @@ def cheapest(
     shot: GroupShot,
     measured: Collection[int] = (),
     given: Collection[int] = (),
-) -> tuple[list[int], dict[int, str]]:
-    """Return (the candidates that cost least, {dropped candidate: reason}).
+) -> tuple[list[int], dict[int, Message]]:
+    """Return (the candidates that cost least, {dropped candidate: why}).
 
-    A reason is a sentence. Time counts first, then memory, then LODs, which take time to be made:
+    Time counts first, then memory, then LODs, which take time to be made:
     of the choices that take at most WORTH more time than the quickest, those remain that take at
     most WORTH more memory than the smallest of them. Of these the one with the fewest LODs is
     taken, then the one with the most `measured` candidates. Those `given` by artists are taken. The
@@ -277,9 +276,7 @@ def cheapest(
     )
     dropped = [k for k in candidates if k not in best]
     return list(best), {
-        k: f"{group.triangles[k]:,} triangles save too little memory and time in "
-        f"{NAMES[shot.costs.engine]} to be worth a LOD."
-        for k in dropped
+        k: _not_made(Kind.NOT_WORTH_IT, group, k, engine=NAMES[shot.costs.engine]) for k in dropped
     }
 
 

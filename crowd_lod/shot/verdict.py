@@ -1,7 +1,8 @@
 """The worst that a viewer may notice in a shot, in a line."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -57,6 +58,13 @@ class Verdict:
     def sentence(self) -> str:
         change = self.change.sentence if self.change else "No LOD changes in sight."
         return f"{change} {self.clipped.sentence}" if self.clipped else change
+
+
+def read_verdict(values: Mapping[str, Any]) -> Verdict:
+    """Return the verdict that plan.json tells; LookupError or TypeError if it is none."""
+    change = values["change"]
+    clipped = values["clipped"]
+    return Verdict(change and Change(**change), clipped and Clipped(**clipped))
 
 
 def verdict_of(

@@ -42,6 +42,11 @@ class Held(Generic[Answer]):
         """Return whether the last answer still holds."""
         return self._holds(scene, self._key(scene))
 
+    def latest(self, scene: bpy.types.Scene) -> Answer | None:
+        """Return the last answer, whether or not it still holds; None without one."""
+        _, _, answer = self._answers.get(scene.session_uid, (0.0, None, None))
+        return answer
+
     def drop(self, scene: bpy.types.Scene) -> None:
         """Look again when next asked."""
         self._answers.pop(scene.session_uid, None)

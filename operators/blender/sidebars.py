@@ -1,4 +1,4 @@
-"""The sidebars of all windows' viewports."""
+"""The viewports of all windows, and their sidebars."""
 
 import bpy
 
@@ -14,3 +14,11 @@ def redraw() -> None:
                 for region in area.regions:
                     if region.type == "UI":
                         region.tag_redraw()
+
+
+def redraw_viewports() -> None:
+    """Have Blender draw all viewports anew, with their sidebars."""
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                area.tag_redraw()

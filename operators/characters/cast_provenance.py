@@ -1,5 +1,6 @@
 """What the characters of a scene and their LODs are, as named inputs of plans, builds and LODs."""
 
+import time as clock
 from collections.abc import Iterator
 from contextlib import suppress
 from functools import partial
@@ -7,13 +8,17 @@ from functools import partial
 import bpy
 
 from ...crowd_lod.errors import CrowdError
-from ..blender import named_actions, performance, provenance
+from ..blender import named_actions, performance, provenance, sidebars
+from ..blender.guard import guard
 from ..blender.sidebar_answers import hold
+from ..blender.steps import at_work
 from ..machine.scene_world import actions_named
 from .characters import GROUP, all_characters
 
 CHARACTER = "the character "  # begins the names of their inputs
 MOTION = "the motion of "  # the same of their motions
+SLICE = 0.02  # seconds for which a timer reads what drawings ask
+_unread: list[Iterator[float]] = []  # what the timer still has to read
 
 
 @hold(lambda _: provenance.changes)
@@ -40,6 +45,41 @@ def reading_motions(scene: bpy.types.Scene) -> Iterator[float]:
     provenance.look_afresh()
     for _ in _read_motions(scene):
         yield 0.0
+
+
+def is_known(scene: bpy.types.Scene) -> bool:
+    """Return whether what drawings ask of characters and LODs is known.
+
+    If not, a timer reads it in slices and lets the windows draw again: to read it all took 0.3 s of
+    a drawing.
+    """
+    if bpy.app.background or (cast_inputs.holds(scene) and motions.holds(scene)):
+        return True
+    if not bpy.app.timers.is_registered(_read_some):
+        _unread[:] = [_reading_all(scene)]
+        bpy.app.timers.register(_read_some)
+    return False
+
+
+def _reading_all(scene: bpy.types.Scene) -> Iterator[float]:
+    yield from reading(scene)
+    with suppress(CrowdError):  # missing characters are told elsewhere
+        for _ in _read_motions(scene):
+            yield 0.0
+        motions(scene)
+
+
+@guard
+def _read_some() -> float | None:
+    """Read for SLICE seconds; return when to go on, None at the end or where a step is at work."""
+    until = clock.monotonic() + SLICE
+    with suppress(StopIteration, ReferenceError):  # a scene that was deleted
+        while not at_work():
+            next(_unread[0])
+            if clock.monotonic() > until:
+                return 0.0
+    sidebars.redraw_viewports()
+    return None
 
 
 def reading(scene: bpy.types.Scene) -> Iterator[float]:

@@ -10,6 +10,7 @@ import bpy
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.crowd.bounding_spheres import cover_sizes
 from ...crowd_lod.format import number
+from ...crowd_lod.messages import Message, to_json
 from ...crowd_lod.progress import Work, run_in_thread
 from ..blender import removal, scene_data
 from ..blender.operator import Stepwise
@@ -110,7 +111,7 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
     if copied:
         scene_data.let_go(scene, "levels")
     _show_nowhere(scene, top)
-    settings.dropped = "\n".join(_describe_dropped(ladders, choice.dropped))
+    settings.dropped = to_json(_not_made(ladders, choice.dropped))
     note_lods(scene, made_for)
     note_measured(scene, measured)
     settings.memory_tolerance = choice.tolerance
@@ -339,14 +340,12 @@ def _name_levels(names: list[str], homes: list, before: frozenset[int]) -> None:
                     item.color = (*TINTS[k], 1.0)
 
 
-def _describe_dropped(ladders: list[Ladder], dropped: list[dict[int, str]]) -> list[str]:
-    """Return a line for each dropped candidate; "About" marks guessed values."""
-    lines = []
+def _not_made(ladders: list[Ladder], dropped: list[dict[int, Message]]) -> Iterator[Message]:
+    """Yield why each dropped candidate is not made, and whether its values were measured."""
     for ladder, reasons in zip(ladders, dropped, strict=True):
         for k in sorted(reasons):
-            about = "" if ladder.goals[k] in ladder.measured.rows else "About "
-            lines.append(f"{ladder.name}: {about}{reasons[k]}")
-    return lines
+            measured = {"measured": ladder.goals[k] in ladder.measured.rows}
+            yield replace(reasons[k], subject=ladder.name, facts=reasons[k].facts | measured)
 
 
 def _pad(columns: dict, count: int) -> dict:

@@ -25,6 +25,7 @@ from ...crowd_lod.levels.selection import (
     fit_in_memory,
     priced,
 )
+from ...crowd_lod.messages import Message
 from ...crowd_lod.progress import Work, finished
 from ...crowd_lod.shot.exceptions import lod_limits
 from ..blender import scene_data
@@ -138,7 +139,7 @@ class Choice:
     """The choice of candidates. Candidates go by their number in the ladder.
 
     keep: for each group, the candidates to keep.
-    dropped: for each group, a sentence for each dropped candidate that says why.
+    dropped: for each group, why each dropped candidate is not made.
     finest: for each group, the finest LOD that builds have, as an index into its `keep`.
     tolerance: pixels, raised until LODs fit in memory; 0 where the limit of memory changes nothing.
     budget_tolerance: pixels that LODs must be allowed so that each frame holds the budget; 0 where
@@ -146,7 +147,7 @@ class Choice:
     """
 
     keep: list[list[int]]
-    dropped: list[dict[int, str]]
+    dropped: list[dict[int, Message]]
     finest: list[int]
     tolerance: float = 0.0
     budget_tolerance: float = 0.0

@@ -4,9 +4,10 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.frame.agent_under_cursor import nearest
+from ..blender import sidebars
 from ..blender.operator import Needing
 from ..settings import needs
-from . import redraw, viewport_overlay
+from . import viewport_overlay
 
 WITHIN = 40.0  # nominal pixels from the cursor
 
@@ -43,7 +44,7 @@ class CROWDLOD_OT_inspect(Needing, bpy.types.Operator):
         display = viewport_overlay.display_of(context.scene)
         if event.type in ("ESC", "RIGHTMOUSE") or display is None or display.frame is None:
             settings.agent = self._before
-            redraw.viewports()
+            sidebars.redraw_viewports()
             self.cancel(context)
             return {"CANCELLED"}
         region = under(context.window.screen, event.mouse_x, event.mouse_y)
@@ -65,7 +66,7 @@ class CROWDLOD_OT_inspect(Needing, bpy.types.Operator):
         agent = -1 if nearest_agent is None else nearest_agent
         if settings.agent != agent:
             settings.agent = agent
-            redraw.viewports()
+            sidebars.redraw_viewports()
         return {"RUNNING_MODAL"}
 
     def cancel(self, context) -> None:

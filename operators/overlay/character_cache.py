@@ -15,16 +15,15 @@ import numpy as np
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.progress import Work
-from ..blender import scene_cache
+from ..blender import scene_cache, sidebars
 from ..blender.guard import guard
 from ..blender.image_data import LOOK_AGAIN
 from ..blender.material_colors import Looks
 from ..blender.provenance import text_digest
 from ..blender.steps import at_work
-from ..characters.cast_provenance import cast_inputs
+from ..characters.cast_provenance import cast_inputs, is_known
 from ..characters.characters import GROUP
 from ..machine.scene_world import actions_named
-from . import redraw
 from .skinned_characters import Character, bake_character
 
 
@@ -76,6 +75,8 @@ def casting_of(scene: bpy.types.Scene) -> Casting | None:
     casting = _castings.get(scene.session_uid)
     now = clock.monotonic()
     if casting is None or now > casting.looked + LOOK_AGAIN:
+        if not is_known(scene):
+            return casting
         key, appearance = cache_key(scene)
         # reading pixels takes milliseconds
         reads_images = casting is None or scene.crowd_lod.overlay_color == "MATERIAL"
@@ -127,7 +128,7 @@ def bake_some() -> float | None:
                 # next drawing starts this timer again.
                 continue
             _bake_on(scene, casting)
-            redraw.viewports()
+            sidebars.redraw_viewports()
             return 0.0
     return None
 

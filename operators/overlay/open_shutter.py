@@ -8,11 +8,10 @@ import numpy as np
 
 from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.errors import CrowdError
-from ..blender import frame_stepping, image_data, scene_cache
+from ..blender import frame_stepping, image_data, scene_cache, sidebars
 from ..blender.cameras import read_shutter
 from ..blender.guard import guard
 from ..blender.image_data import LOOK_AGAIN
-from . import redraw
 
 REST = 0.3  # seconds that a frame is shown before its shutter is read
 # By scene: (key of the shutter to be read, the time in seconds when it was requested).
@@ -68,7 +67,7 @@ def read_shutters() -> float | None:
             except CrowdError:  # the next drawing shows the error
                 _shutters[scene.session_uid] = key, ()
     _requests.clear()
-    redraw.viewports()
+    sidebars.redraw_viewports()
     return None
 
 

@@ -1,4 +1,4 @@
-"""Redraws viewports that are out of date without Blender's notice.
+"""Tells of viewports that are out of date without Blender's notice.
 
 Blender redraws a viewport after an edit in its own interface, but not after a script, an operator,
 a driver or an animation has set a property of ours.
@@ -11,14 +11,6 @@ from ..blender.stored_values import contents_of
 
 # The contents of each scene's settings at the last call of `has_changed`.
 _known: dict[int, str] = scene_cache.add_cache({}, by_scene=True)
-
-
-def viewports() -> None:
-    """Have all 3D viewports drawn again, with their sidebars."""
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                area.tag_redraw()
 
 
 def has_changed(scene: bpy.types.Scene) -> bool:

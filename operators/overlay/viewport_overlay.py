@@ -232,7 +232,7 @@ def _watch() -> float:
             and clock.monotonic() > display.looked + LOOK_AGAIN + WATCH
         )
         if redraw.has_changed(scene) or is_due:
-            redraw.viewports()
+            sidebars.redraw_viewports()
     return WATCH
 
 

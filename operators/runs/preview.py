@@ -18,7 +18,7 @@ from ...crowd_lod.frame.frame_range import spread_evenly
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import note_of, unplanned_notes
 from ...crowd_lod.levels.assignment import deviations
-from ...crowd_lod.progress import Work, after_quarter, run_in_thread
+from ...crowd_lod.progress import Work, run_in_thread, unsure
 from ...crowd_lod.reporting import tables
 from ...crowd_lod.reporting.frame_parts import FrameParts
 from ...crowd_lod.reporting.html_report import page
@@ -42,6 +42,7 @@ from ..overlay.draw_data import FRUSTUM
 from ..overlay.playblast import Playblast, need_gpu
 from ..scene import lights
 from ..scene.frame_plan import frame_of, moment_now
+from ..scene.plan_verdict import verdict_in_words
 from ..scene.scene_crowd import SceneCrowd, characters_of, read_crowd
 from ..settings import needs
 from ..shot.shot_plan import (
@@ -60,7 +61,9 @@ from .preview_stage import Preview, Rendered, Staged, leaves_out, shade, sized, 
 from .shared_frames import ALONE, Sharing, make_frames, state_of
 
 MOST_IN_SHEET = 24  # frames on the contact sheet
-LOD = 2.0  # seconds, about, that a LOD's picture and its row in the table take
+# Seconds, about: the pictures of a frame, a LOD's picture and its row in the table.
+FRAME = 4.0
+LOD = 2.0
 BEHAVIOR = 0.9  # of a frame's time, where the way to it is long
 # agents times frames that a preview plans first; longer shots take Plan Shot
 MOST_PLANNED = 30_000_000
@@ -89,12 +92,12 @@ def preview(
         _check(scene, task)
         lacking = lacking_seconds(scene)
         describing = LOD * scene.crowd_lod.level_count * len(characters_of(scene))
-        work = Work(lacking + describing + after_quarter(lacking + describing))
+        work = Work(lacking + describing + FRAME * len(task.frames))
         if sharing.jobs > 1:  # all processes take the LODs from the file
-            yield from work.take(_with_levels(scene), lacking)
+            yield from work.take(unsure(_with_levels(scene)), lacking)
             sharing.save(folder)
         on = staged(scene, task)
-        yield from work.take(_with_levels(on.stage), lacking_seconds(on.stage))
+        yield from work.take(unsure(_with_levels(on.stage)), lacking_seconds(on.stage))
         plan_folder = (
             folder
             if sharing.part is None
@@ -103,11 +106,10 @@ def preview(
         crowd = read_crowd(on.stage)  # the LODs are there now
         planning = plan_seconds(on.stage, _span(task)) if _lacks_plan(crowd, task) else 0.0
         describing = LOD * lod_table.count_pictured(crowd.trajectory.groups)
-        ready = planning + describing
-        work.announce(ready + after_quarter(lacking + ready))
+        work.announce(planning + describing + FRAME * len(task.frames))
         shot = None
         if _lacks_plan(crowd, task):
-            shot = yield from work.take(_plan(crowd, task, plan_folder), planning)
+            shot = yield from work.take(unsure(_plan(crowd, task, plan_folder)), planning)
         run = _begin(crowd, on, folder, opened)
         lods, frames, legends = yield from _picture(run, sharing, work)
         if sharing.part is not None:
@@ -162,7 +164,7 @@ def _picture(
             legends = legends_of(run.on.task.color, first)
             cost = LOD * lod_table.count_pictured(run.crowd.trajectory.groups)
             describing = lod_table.tables(run.crowd, first.camera, first.begins, run.folder)
-            lods = yield from work.take(describing, cost)
+            lods = yield from work.take(unsure(describing), cost)
         making = make_frames(parts, frames, sharing, run.shots.prepare, run.shoot, helpers)
         pictured = yield from work.take(making, work.left)
     return lods, pictured, legends
@@ -186,7 +188,7 @@ def _describe(
         frame_stepping.describe_unbaked(run.on.scene),
     )
     plan = yield from plan_json(run.crowd, run.on, command, rows, lods, tuple(filter(None, notes)))
-    plan["preview"]["verdict"] = settings.shot_verdict if follows_plan else ""
+    plan["preview"]["verdict"] = verdict_in_words(settings) if follows_plan else ""
     return plan
 
 
@@ -220,13 +222,15 @@ def _with_levels(stage: bpy.types.Scene) -> Iterator[float]:
     layer = stage.view_layers[0]
     settings = stage.crowd_lod
     layer.update()
-    store_groups(settings, (yield from measuring_groups(stage)))
+    work = Work(1)
+    store_groups(settings, (yield from work.take(measuring_groups(stage))))
     crowd = read_crowd(stage)
-    yield from approach(crowd.trajectory, scene_data.time_of(stage))
+    yield from work.take(approach(crowd.trajectory, scene_data.time_of(stage)))
     frame_of(crowd, moment_now(stage, layer.depsgraph))
     if settings.levels is not None and deviations(groups_of(settings), crowd.policy) is not None:
         return
-    yield from make_levels(stage) if settings.levels is None else measure_levels(stage)
+    making = make_levels(stage) if settings.levels is None else measure_levels(stage)
+    yield from work.take(making, 1)
 
 
 def _span(task: Preview) -> range:

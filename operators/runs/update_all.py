@@ -31,6 +31,7 @@ from ..freshness.bake_frames import is_bake
 from ..lod_meshes.costs import lod_seconds
 from ..lod_meshes.make_lods import make_levels
 from ..render_setup.buttons import bake_frames, build_live
+from ..scene.plan_verdict import verdict_in_words
 from ..scene.populate import populate_scene
 from ..scene.scene_crowd import read_crowd
 from ..scene.shot_reference import changes_since_plan
@@ -193,7 +194,7 @@ class CROWDLOD_OT_update_all(Stepwise, bpy.types.Operator):
         for label, said in done.items():
             self.report({"INFO"}, f"{label}: {said}")
         # the status bar cuts the middle out of a long sentence
-        return f"{', '.join(done)}: done. {scene.crowd_lod.shot_verdict}".strip()
+        return f"{', '.join(done)}: done. {verdict_in_words(scene.crowd_lod)}".strip()
 
 
 CLASSES = (CROWDLOD_OT_update_all,)

@@ -12,7 +12,7 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame_range import spread_evenly
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import unplanned_notes
-from ...crowd_lod.progress import Work, after_quarter, run_in_thread
+from ...crowd_lod.progress import Work, run_in_thread, unsure
 from ...crowd_lod.reporting import tables
 from ...crowd_lod.reporting.frame_parts import FrameParts
 from ...crowd_lod.reporting.png_file import save_png
@@ -45,6 +45,7 @@ from .verify_stage import (
     without_shadows,
 )
 
+PROVED = 20.0  # seconds that proving a frame takes, about
 # Settings of the crowd that a proof sets for a while, by making LODs and storing groups, too. The
 # others are the user's meanwhile.
 SET_MEANWHILE = (
@@ -78,12 +79,12 @@ def verify(
         not_proved = what_is_not_proved(scene, task)
         frames_proved = task.frames if sharing.part is None else sharing.part
         making = lacking_seconds(scene)
-        proving = after_quarter(making)
+        proving = PROVED * len(frames_proved)
         work = Work(making + proving)
         proved = yield from work.take(build_of(scene, frames_proved))
         left_out += unlike_renders(scene, proved)
         size = _set_up(scene, task, proved, opened)
-        crowd = yield from work.take(_prepare_crowd(scene), making)
+        crowd = yield from work.take(unsure(_prepare_crowd(scene)), making)
         sharing.save(folder)
         with frame_stepping.step_frames(scene) as at:
             run = Proof(crowd, task, folder, at, size, proved, LoneStage(scene, folder))
@@ -152,12 +153,13 @@ def _prepare_crowd(scene: bpy.types.Scene) -> Generator[float, None, SceneCrowd]
     is said before the work begins.
     """
     settings = scene.crowd_lod
-    store_groups(settings, (yield from measuring_groups(scene)))
+    work = Work(1)
+    store_groups(settings, (yield from work.take(measuring_groups(scene))))
     crowd = read_crowd(scene)
-    yield from approach(crowd.trajectory, scene_data.time_of(scene))
+    yield from work.take(approach(crowd.trajectory, scene_data.time_of(scene)))
     frame_of(crowd, moment_now(scene, scene.view_layers[0].depsgraph))
     if settings.levels is None:
-        yield from make_levels(scene)
+        yield from work.take(make_levels(scene), 1)
         crowd = read_crowd(scene)  # its groups have LODs now
     return crowd
 

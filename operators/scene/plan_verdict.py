@@ -2,11 +2,12 @@
 
 import json
 from contextlib import suppress
-from dataclasses import astuple
+from dataclasses import asdict, astuple
 
 import bpy
 
 from ...crowd_lod.shot.budget_points import BudgetPoint
+from ...crowd_lod.shot.verdict import read_verdict
 from ..blender.guard import handler
 from ..blender.output_folders import full_path, is_saving
 
@@ -25,7 +26,7 @@ def note_plan_file(settings) -> None:
         # a plan without this file, or with another's, has no verdict
         with suppress(OSError, ValueError, LookupError, TypeError):
             shot = json.loads(path.read_text(encoding="utf-8"))["shot"]
-            verdict = str(shot["verdict"]["sentence"])
+            verdict = json.dumps(asdict(read_verdict(shot["verdict"])))
             points = [BudgetPoint(**point) for point in shot["possible_budgets"]]
             budgets = json.dumps([astuple(point) for point in points])
     settings.shot_verdict = verdict
@@ -40,6 +41,13 @@ def note_plan_files(*_) -> None:
             note_plan_file(scene.crowd_lod)
 
 
+def verdict_in_words(settings) -> str:
+    """Return the verdict on the shot whose plan the settings refer to; "" without one."""
+    with suppress(ValueError, LookupError, TypeError):  # a script may have put anything there
+        return read_verdict(json.loads(settings.shot_verdict)).sentence
+    return ""
+
+
 def plan_verdict(settings, unplanned: str = "") -> str:
     """Return the verdict on the shot with the plan in use, or why there is none.
 
@@ -48,5 +56,5 @@ def plan_verdict(settings, unplanned: str = "") -> str:
     if unplanned:
         return unplanned
     if settings.shot_plan and settings.use_shot_plan:
-        return settings.shot_verdict
+        return verdict_in_words(settings)
     return "No verdict without a shot plan: LODs follow from distances."

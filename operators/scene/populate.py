@@ -7,7 +7,7 @@ import bpy
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.crowd.wardrobe import count_people
 from ...crowd_lod.format import counted
-from ...crowd_lod.messages import Message
+from ...crowd_lod.messages import Message, to_json
 from ...crowd_lod.progress import Work, run_in_thread
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import kept_meshes, scene_data
@@ -24,7 +24,7 @@ from ..machine import map_areas
 from ..machine.scene_world import check_maps
 from ..settings import needs
 from ..settings.lengths import set_lengths
-from ..settings.messages import in_words, keep_messages
+from ..settings.messages import in_words
 from ..sources import crowd_sources
 from ..sources.crowd_parts import crowd_parts, note_crowd
 from .plausible import notes_on_extent, notes_on_feet, notes_on_plausibility
@@ -69,7 +69,7 @@ def populate_scene(
         warnings = troubles.messages + warnings
     else:  # that not all agents were checked is no warning
         notes = troubles.messages
-    keep_messages(settings, [*warnings, *notes])
+    settings.trouble = to_json([*warnings, *notes])
     sentences = [
         _result(groups, trajectory),
         *(part.note for part in trajectory.parts),

@@ -9,14 +9,13 @@ from ...crowd_lod.crowd.machine_walls import WALL, add_wall
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
 from ...crowd_lod.message_words import listed
-from ...crowd_lod.messages import Kind
+from ...crowd_lod.messages import Kind, from_json, to_json
 from ..blender import scene_data
 from ..blender.character_objects import selected_scenery
 from ..blender.operator import Reporting
 from ..machine import map_areas
 from ..machine.scene_world import machine_of, machine_text
 from ..settings import needs
-from ..settings.messages import keep_messages, messages_of
 from ..sources.crowd_sources import crowds_of
 from .looking_around import look_around
 from .obstacles import find_obstacles
@@ -44,10 +43,9 @@ class CROWDLOD_OT_walls_from_selection(Reporting, bpy.types.Operator):
                 "Nothing stands in the agents' way: select the objects that they are to walk round."
             )
         if not any(items for _, items in _in_the_way(scene, depsgraph, ())):
-            told = messages_of(scene.crowd_lod)
-            keep_messages(
-                scene.crowd_lod, [message for message in told if message.kind != Kind.OBSTACLE]
-            )
+            told = from_json(scene.crowd_lod.trouble)
+            others = [message for message in told if message.kind is not Kind.OBSTACLE]
+            scene.crowd_lod.trouble = to_json(others)
         return " ".join(sentences)
 
 

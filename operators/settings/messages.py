@@ -1,11 +1,11 @@
-"""What Populate found that may be wrong: messages, kept with the scene, and their lines."""
+"""Messages in words, with the labels that buttons have now."""
 
 from collections.abc import Iterable
 
 import bpy
 
 from ...crowd_lod.message_words import Line, lines_of
-from ...crowd_lod.messages import Message, from_json, to_json
+from ...crowd_lod.messages import Message
 
 
 def label_of(operator: str) -> str:
@@ -14,15 +14,5 @@ def label_of(operator: str) -> str:
 
 
 def in_words(messages: Iterable[Message]) -> list[Line]:
-    """Return the lines that tell the messages, with the labels that buttons have now."""
+    """Return the lines that tell the messages."""
     return lines_of(messages, label_of)
-
-
-def keep_messages(settings: bpy.types.PropertyGroup, messages: Iterable[Message]) -> None:
-    """Keep the messages in the settings, in place of those that were there."""
-    settings.trouble = to_json(messages)
-
-
-def messages_of(settings: bpy.types.PropertyGroup) -> tuple[Message, ...]:
-    """Return the messages that the settings keep."""
-    return from_json(settings.trouble)

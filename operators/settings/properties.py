@@ -90,11 +90,13 @@ class CrowdLodSettings(*ALL, bpy.types.PropertyGroup):
         description="Memory for Characters when LOD meshes were last made",
     )
     dropped: StringProperty(
-        name="Not Made", description="LODs that were not made by tolerance, and why, a line each"
+        name="Not Made",
+        description="LODs that were not made by tolerance, and why: messages as JSON",
     )
     shot_verdict: StringProperty(
         name="Verdict",
-        description="The worst that a viewer may notice in the planned shot, as Plan Shot found",
+        description="The worst that a viewer may notice in the planned shot, as Plan Shot found: "
+        "numbers as JSON",
     )
     shot_budgets: StringProperty(
         name="Possible Budgets",

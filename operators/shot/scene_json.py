@@ -15,6 +15,7 @@ from ...crowd_lod import __version__
 from ...crowd_lod.behavior.walk import walks_of
 from ...crowd_lod.format import printable
 from ...crowd_lod.levels.budget_fit import Budget
+from ...crowd_lod.messages import from_json
 from ...crowd_lod.progress import run_in_thread
 from ...crowd_lod.reporting import tables
 from ...crowd_lod.sources.trajectory import Trajectory
@@ -25,6 +26,7 @@ from ..machine.scene_world import machine_of
 from ..scene.scene_crowd import SceneCrowd
 from ..scene.stuck_agents import find
 from ..settings.budgets import budget_of, budget_words
+from ..settings.messages import in_words
 
 
 def scene_json(
@@ -132,5 +134,7 @@ def _levels_of(crowd: SceneCrowd, characters: list[dict]) -> dict[str, Any]:
         "group_thresholds": [list(own) for own in policy.group_thresholds],
         "tints": TINTS[: policy.count],
         "characters": characters,
-        "dropped": settings.dropped.splitlines(),
+        "dropped": [
+            line.sentence for message in from_json(settings.dropped) for line in in_words([message])
+        ],
     }

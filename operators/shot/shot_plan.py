@@ -207,12 +207,13 @@ def ready(scene: bpy.types.Scene) -> Generator[float, None, SceneCrowd]:
     """
     cameras.active_camera(scene), characters_of(scene)
     settings = scene.crowd_lod
+    work = Work(1)
     if not len(settings.groups):
-        store_groups(settings, (yield from measuring_groups(scene)))
+        store_groups(settings, (yield from work.take(measuring_groups(scene))))
     if settings.levels is None:
-        yield from make_levels(scene)
+        yield from work.take(make_levels(scene), 1)
     elif deviations(groups_of(settings), policy_of(settings)) is None:
-        yield from measure_levels(scene)
+        yield from work.take(measure_levels(scene), 1)
     crowd = read_crowd(scene)
     check_levels(crowd)  # those made for other settings may be fewer
     return crowd

@@ -4,6 +4,7 @@ import bpy
 
 from ...crowd_lod.format import counted, number
 from ...crowd_lod.levels.assignment import MOST_LEVELS
+from ...crowd_lod.messages import from_json
 from ...crowd_lod.shot.budget_points import fitting_point
 from ..blender import scene_data
 from ..blender.labeled_properties import CONTEXT
@@ -12,6 +13,7 @@ from ..lod_meshes.level_objects import GIVEN
 from ..overlay import viewport_overlay
 from ..overlay.hud import STAGES, share
 from ..settings.budgets import budget_of, possible_budgets
+from ..settings.messages import in_words
 from . import steps
 from .drawing import LOD_COLORS, MOST_ROWS, button, distance, label, paragraph, table
 
@@ -112,11 +114,11 @@ class CROWDLOD_PT_statistics(_Popover, bpy.types.Panel):
                 name = f"LOD {k}, given" if _is_given(settings.levels, k, g) else f"LOD {k}"
                 rows.append((name, f"{group.triangles[k]:,}", deviates, distance(context, begin)))
             table(self.layout, (group.name, "Triangles", "Deviates", "From"), rows)
-        lines = settings.dropped.splitlines()
-        if settings.choice == "BY_TOLERANCE" and lines:
-            label(self.layout, f"Not made: {counted(len(lines), 'candidate')}")
-            for line in lines[:MOST_ROWS]:
-                paragraph(self.layout, line, "DOT", LETTERS)
+        dropped = from_json(settings.dropped)
+        if settings.choice == "BY_TOLERANCE" and dropped:
+            label(self.layout, f"Not made: {counted(len(dropped), 'candidate')}")
+            for line in in_words(dropped)[:MOST_ROWS]:
+                paragraph(self.layout, line.sentence, "DOT", LETTERS)
 
 
 def _is_given(levels: bpy.types.Collection, k: int, g: int) -> bool:

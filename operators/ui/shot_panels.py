@@ -15,6 +15,7 @@ from ..overlay import viewport_overlay
 from ..render_setup.character_images import IMAGE_BYTES, can_use_cache
 from ..render_setup.render_setup import baked_of
 from ..render_setup.view_layers import layers_of
+from ..scene.plan_verdict import verdict_in_words
 from ..settings import needs
 from ..settings.budgets import LIMITS, budget_of, possible_budgets
 from ..settings.cost_table import costs_of
@@ -39,8 +40,8 @@ class CROWDLOD_PT_plan(Step, bpy.types.Panel):
         row.use_property_split = False
         row.enabled = bool(settings.shot_plan)
         row.prop(settings, "use_shot_plan", toggle=True)
-        if settings.shot_verdict:
-            paragraph(layout, settings.shot_verdict, "HIDE_OFF", letters_of(context))
+        if verdict := verdict_in_words(settings):
+            paragraph(layout, verdict, "HIDE_OFF", letters_of(context))
         layout.operator("crowd_lod.go_to_switch", icon="VIEWZOOM")
         label(layout, *describe_hold(context.scene))
 

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import bpy
 
+from ...crowd_lod.messages import from_json
 from ...crowd_lod.simplification.decimate import missing_library
 from ..blender.guard import troubles_of
 from ..blender.sidebar_answers import keep_at_work
@@ -12,7 +13,7 @@ from ..overlay import viewport_overlay
 from ..render_setup.appended_builds import standing_still
 from ..scene.shot_reference import notes_on_file
 from ..settings import needs
-from ..settings.messages import in_words, label_of, messages_of
+from ..settings.messages import in_words, label_of
 
 
 def next_operator(scene: bpy.types.Scene) -> str:
@@ -53,7 +54,7 @@ def messages(scene: bpy.types.Scene) -> list[Told]:
         lines.append(Told(proof.sentence, "CHECKMARK" if proof.ok else "ERROR"))
     # warnings of Populate do not stop the work: the next step is named before them
     if settings.characters is not None:
-        warnings = in_words(messages_of(settings))
+        warnings = in_words(from_json(settings.trouble))
         lines += [Told(line.sentence, "ERROR", line.remedy) for line in warnings]
     if note := notes_on_file(settings):
         lines.append(Told(note, "INFO"))

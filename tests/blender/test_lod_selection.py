@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from bpy_extras.object_utils import world_to_camera_view
 from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.messages import from_json
 from crowd_lod_extension.operators.blender.mesh_data import count_triangles
 from crowd_lod_extension.operators.characters import stored_groups
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
@@ -52,10 +53,7 @@ def test_as_many_are_made_as_pay_and_the_build_shows_them(tolerant, saved_once):
             )
             if k:
                 assert count_triangles(item.data) == group.triangles[k]
-    assert all(
-        any(line.startswith(f"{g.name}: ") for g in groups)
-        for line in settings.dropped.splitlines()
-    )
+    assert {message.subject for message in from_json(settings.dropped)} <= {g.name for g in groups}
     new = set(bpy.data.user_map()) - before
     assert all(block.users for block in new)
     meshes = {b for b in new if isinstance(b, bpy.types.Mesh)}

@@ -1,5 +1,6 @@
 """One folder of output for each file: where it is, and what moves when the file is saved."""
 
+import json
 import os
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 from crowd_lod_extension.operators.blender import sidebar_answers
 from crowd_lod_extension.operators.blender.output_folders import full_path, output_folder
 from crowd_lod_extension.operators.runs.open_report import report_path
+from crowd_lod_extension.operators.scene.plan_verdict import verdict_in_words
 
 from ..support.freshness import changed_since_build
 from ..support.scene_frames import frame_now
@@ -121,9 +123,12 @@ def test_the_verdict_follows_the_plan_whoever_made_it(scene, tmp_path):
     assert scene.crowd_lod.shot_verdict == verdict  # its path was rewritten meanwhile
     about = full_path(scene.crowd_lod.shot_plan).with_name("plan.json")
     assert about != path.with_name("plan.json")
-    about.write_text(about.read_text(encoding="utf-8").replace(verdict, "Another verdict."))
+    plan_json = json.loads(about.read_text(encoding="utf-8"))
+    plan_json["shot"]["verdict"]["change"] = {"pixels": 9.5, "frame": 7, "agent": 1}
+    about.write_text(json.dumps(plan_json))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "a.blend"))
-    assert bpy.context.scene.crowd_lod.shot_verdict == "Another verdict."
+    said = verdict_in_words(bpy.context.scene.crowd_lod)
+    assert said.startswith("Worst change in sight: 9.5 px, frame 7.")
 
 
 def test_a_save_that_fails_leaves_settings_and_output(scene, tmp_path):

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import bpy
 import pytest
+from crowd_lod_extension.crowd_lod.progress import Work, unsure
 from crowd_lod_extension.crowd_lod.time_left import TimeLeft
 from crowd_lod_extension.operators.blender import scene_cache
 from crowd_lod_extension.operators.cli import scene_files
@@ -88,29 +89,34 @@ def test_populate_looks_ahead_by_steps(levelled):
 
 def test_how_long_the_rest_takes():
     left = TimeLeft()
-    assert left.words(0.2, 100) == ""  # what comes before the first quarter tells nothing
-    assert left.words(0.25, 200) == ""
-    assert left.words(0.3, 203) == ""  # too early to tell
-    assert left.words(0.4, 209) == ", about 36 s left"
-    assert left.words(0.5, 215) == ", about 30 s left"
-    assert left.words(0.75, 231) == ", about 16 s left"
+    assert left.words(0.0, 0) == left.words(0.05, 3) == ""  # too early to tell
+    assert left.words(0.2, 12) == ""
+    assert left.words(0.25, 15) == ", about 45 s left"
+    assert left.words(0.5, 30) == ", about 30 s left"
+    assert left.words(0.75, 46) == ", about 15 s left"
 
 
-def test_long_times_are_told_in_minutes_and_hours():
-    for seconds, words in ((60, "2 min"), (36_000, "20 h")):
-        left = TimeLeft()
-        left.words(0.25, 0)
-        assert left.words(0.5, seconds) == f", about {words} left"
+@pytest.mark.parametrize(("seconds", "words"), [(60, "3 min"), (36_000, "30 h")])
+def test_long_times_are_told_in_minutes_and_hours(seconds, words):
+    left = TimeLeft()
+    left.words(0.0, 0)
+    assert left.words(0.25, seconds) == f", about {words} left"
 
 
 def test_a_time_left_that_the_progress_contradicts_is_not_said():
     left = TimeLeft()
-    left.words(0.25, 0)
-    assert left.words(0.5, 20) == ", about 40 s left"
-    assert left.words(0.55, 35) == ""  # a whole of 60 or of 88 s
-    assert left.words(0.2, 36) == ""  # more is to do than was known
-    assert left.words(0.25, 40) == ""
-    assert left.words(0.5, 60) == ", about 40 s left"
+    left.words(0.0, 0)
+    assert left.words(0.5, 40) == ", about 40 s left"
+    assert left.words(0.51, 60) == ""  # a whole of 80 or of 118 s
+
+
+def test_what_takes_another_time_on_each_machine_tells_nothing_of_the_rest():
+    left = TimeLeft()
+    making = Work(4)
+    told = [*making.take(unsure(part for part in (0.0, 0.5)), 2)]
+    assert told == [0.0, 0.25] and left.words(told[0], 0) == left.words(told[1], 100) == ""
+    assert left.words(0.5, 200) == ""
+    assert left.words(0.75, 210) == ", about 10 s left"
 
 
 @pytest.mark.once

@@ -14,6 +14,7 @@ from crowd_lod_extension.operators.blender.animation import curves_of
 from crowd_lod_extension.operators.render_setup import bake, buckets, frame_update, render_setup
 from crowd_lod_extension.operators.runs.preview import preview, verdict_in
 from crowd_lod_extension.operators.runs.preview_stage import Preview
+from crowd_lod_extension.operators.scene.plan_verdict import verdict_in_words
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 from crowd_lod_extension.operators.shot import shot_survey
 
@@ -345,7 +346,7 @@ def test_whom_the_far_clip_hides_at_once_is_in_the_verdict(levelled, tmp_path):
     gone = len(seen[5] - seen[6])
     assert gone > 1
     planned(scene, tmp_path / "plan")
-    verdict = scene.crowd_lod.shot_verdict
+    verdict = verdict_in_words(scene.crowd_lod)
     assert f"{gone} agents vanish at once at the far clip ({lens.clip_end:.3g} m)" in verdict
     assert "frame 6." in verdict
     assert verdict in (tmp_path / "plan" / "report.html").read_text(encoding="utf-8")

@@ -93,3 +93,15 @@ def test_of_any_other_text_there_are_none(text):
 
 def test_each_kind_has_words():
     assert WORDS.keys() == set(Kind)
+
+
+def test_the_same_lod_of_two_characters_is_told_once_and_others_apart():
+    def unmade(name, triangles, measured=True):
+        facts = {"triangles": triangles, "measured": measured, "finer": 500}
+        return Message(Kind.SAVES_LITTLE, name, facts)
+
+    lods = [unmade("Witch", 450), unmade("King", 450), unmade("King", 420, measured=False)]
+    assert [line.sentence for line in lines_of(lods, str)] == [
+        "Witch, King: 450 triangles save less than a fifth of the 500 of the next finer LOD.",
+        "King: About 420 triangles save less than a fifth of the 500 of the next finer LOD.",
+    ]
