@@ -6,6 +6,17 @@ import bpy
 
 from .references import closure_of
 
+# What moves an object or a bone, and what moves an object besides.
+PLACE = (
+    "location",
+    "rotation_mode",
+    "rotation_euler",
+    "rotation_quaternion",
+    "rotation_axis_angle",
+    "scale",
+)
+DELTAS = "delta_location", "delta_rotation_euler", "delta_rotation_quaternion", "delta_scale"
+
 
 def armatures_of(objects: list[bpy.types.Object]) -> list[bpy.types.Object]:
     """Return the armatures that deform `objects`, by modifier or parent."""
@@ -112,12 +123,9 @@ def curves_of(player: bpy.types.AnimData | bpy.types.NlaStrip) -> list[bpy.types
     return [curve for bag in bags for curve in bag.fcurves]
 
 
-def moved_values(item: bpy.types.Object) -> set[tuple[str, int]]:
-    """Return (path, index) of all values of the object that animation or drivers change.
-
-    Its data and its shape keys count as well.
-    """
-    return {place for data in animation_data_of([item]) for place in values_moved_by(data)}
+def moves_whole(curve: bpy.types.FCurve) -> bool:
+    """Return whether an object's own F-curve, or that of a driver, moves the object as a whole."""
+    return curve.data_path in (*PLACE, *DELTAS)
 
 
 def curves_and_drivers(data: bpy.types.AnimData | None) -> list[bpy.types.FCurve]:
@@ -125,8 +133,3 @@ def curves_and_drivers(data: bpy.types.AnimData | None) -> list[bpy.types.FCurve
     if data is None:
         return []
     return [*data.drivers, *(curve for player in players_in(data) for curve in curves_of(player))]
-
-
-def values_moved_by(data: bpy.types.AnimData | None) -> set[tuple[str, int]]:
-    """Return (path, index) of all values that the animation data changes."""
-    return {(curve.data_path, curve.array_index) for curve in curves_and_drivers(data)}

@@ -14,8 +14,8 @@ import bpy
 import numpy as np
 
 from .animation import curves_of, players_of
+from .contents import read_columns
 from .pose_mixing import AT_REST, Mixture
-from .rig_dependencies import read_columns
 from .root_motion import RootMotion, TakenOut
 
 BONE = re.compile(r'pose\.bones\["(.*)"\]')

@@ -23,19 +23,18 @@ def reached_blocks(item: bpy.types.Object) -> set[bpy.types.ID]:
     return blocks
 
 
-def blocks_of(objects: Iterable[bpy.types.Object], look: bool = True) -> list[bpy.types.ID]:
-    """Return `objects` and all that they are made of: data-blocks that they refer to, at any depth.
+def closure_of(objects: Iterable[bpy.types.Object], look: bool = True) -> list[bpy.types.Object]:
+    """Return `objects` and all others that they are made of, at any depth.
 
     Blender itself says what refers to what: by parents, modifiers, constraints, drivers, nodes,
     particles, instances, data, or by anything else that a version of it knows. `objects` come
-    first, all others are sorted by type and name. docs/notes/files.md says what is no
-    part.
+    first, all others are sorted by name. docs/notes/files.md says what is no part.
 
     look: whether materials, and what they alone refer to, count.
     """
     references = get_id_reference_map()
     no_part = (bpy.types.Scene,) if look else (bpy.types.Scene, bpy.types.Material)
-    closure = dict.fromkeys(objects)
+    closure: dict[bpy.types.ID, None] = dict.fromkeys(objects)
     count = len(closure)
     left = list(closure)
     while left:
@@ -44,15 +43,9 @@ def blocks_of(objects: Iterable[bpy.types.Object], look: bool = True) -> list[bp
             if other not in closure and not isinstance(other, no_part):
                 closure[other] = None
                 left.append(other)
-    blocks = list(closure)
-    return blocks[:count] + sorted(
-        blocks[count:], key=lambda block: (block.id_type, block.name_full)
-    )
-
-
-def closure_of(objects: Iterable[bpy.types.Object], look: bool = True) -> list[bpy.types.Object]:
-    """Return `objects` and all others that they are made of; see `blocks_of`."""
-    return [block for block in blocks_of(objects, look) if isinstance(block, bpy.types.Object)]
+    items = list(closure)
+    others = [block for block in items[count:] if isinstance(block, bpy.types.Object)]
+    return items[:count] + sorted(others, key=lambda item: item.name_full)
 
 
 def _beside(block: bpy.types.ID) -> set[bpy.types.ID | None]:

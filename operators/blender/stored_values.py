@@ -11,10 +11,10 @@ import bpy
 from idprop.types import IDPropertyArray, IDPropertyGroup
 
 from ...crowd_lod.errors import CrowdError
+from .contents import kind_of
 
 NUMBERS = {"INT": "a whole number", "FLOAT": "a number"}
 INF = float("inf")
-_names: dict[str, tuple[list[str], ...]] = {}  # by kind of settings, see _names_of
 
 
 def read(
@@ -108,29 +108,14 @@ def check(settings: bpy.types.PropertyGroup, names: Sequence[str] = ()) -> None:
 
 
 def contents_of(settings: bpy.types.PropertyGroup) -> tuple:
-    """Return the values of all properties, those of collections too, and the lines of texts.
-
-    It is asked at each drawing, so the names are kept.
-    """
-    plain, arrays, pointers, collections = _names_of(settings.bl_rna)
+    """Return the values of all properties, those of collections too, and the lines of texts."""
+    kind = kind_of(settings.bl_rna)
     return (
-        attrgetter(*plain)(settings),
-        [tuple(getattr(settings, name)) for name in arrays],
-        [_pointed(getattr(settings, name)) for name in pointers],
-        [[contents_of(entry) for entry in getattr(settings, name)] for name in collections],
+        attrgetter(*kind.values, *kind.flags)(settings),
+        [tuple(getattr(settings, name)) for name in kind.arrays],
+        [_pointed(getattr(settings, name)) for name in kind.pointers],
+        [[contents_of(entry) for entry in getattr(settings, name)] for name in kind.collections],
     )
-
-
-def _names_of(kind: bpy.types.Struct) -> tuple[list[str], ...]:
-    """Return the names of a kind's plain properties, arrays, pointers and collections."""
-    if kind.identifier not in _names:
-        names: dict[str, list[str]] = {"PLAIN": [], "ARRAY": [], "POINTER": [], "COLLECTION": []}
-        for name, setting in kind.properties.items():
-            of = "ARRAY" if getattr(setting, "is_array", False) else setting.type
-            if name != "rna_type":
-                names[of if of in names else "PLAIN"].append(name)
-        _names[kind.identifier] = tuple(names.values())
-    return _names[kind.identifier]
 
 
 def _pointed(value: bpy.types.ID | None) -> str | int | None:

@@ -14,9 +14,8 @@ import numpy as np
 from mathutils import Quaternion
 
 from ...crowd_lod.errors import CrowdError
-from ..blender.animation import curves_of, players_of, span_of
+from ..blender.animation import DELTAS, PLACE, curves_of, players_of, span_of
 from ..blender.performance import BONE
-from ..blender.rig_dependencies import PLACE
 
 PREFIX = re.compile(r"^\w+[:|]")  # of a bone's name, as in "mixamorig:Hips"
 LEAST = 0.5  # of an action's bones: so many must be the rig's
@@ -24,7 +23,7 @@ NEARLY = 0.8  # of the bones that the best action moves: one that moves as many 
 TURNED = np.radians(10)  # by which a bone may rest otherwise
 WALKS = re.compile("walk", re.IGNORECASE)
 # of an object: its place and turn, as an importer keys them once
-FIXED = *PLACE, "delta_location", "delta_rotation_euler", "delta_rotation_quaternion", "delta_scale"
+FIXED = *PLACE, *DELTAS
 
 
 @dataclass(frozen=True)

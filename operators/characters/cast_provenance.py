@@ -3,13 +3,13 @@
 import time as clock
 from collections.abc import Iterator
 from contextlib import suppress
-from functools import partial
 
 import bpy
 
 from ...crowd_lod.errors import CrowdError
 from ..blender import named_actions, performance, provenance, sidebars
 from ..blender.guard import guard
+from ..blender.provenance import text_digest
 from ..blender.sidebar_answers import hold
 from ..blender.steps import at_work
 from ..machine.scene_world import actions_named
@@ -91,9 +91,10 @@ def reading(scene: bpy.types.Scene) -> Iterator[float]:
         return
     with suppress(CrowdError):  # missing characters are told elsewhere
         for character in all_characters(scene):
-            for item in character.objects:
-                yield from provenance.reading_shape(item)
-                yield 0.0
+            for block in (each for item in character.objects for each in (item, item.data)):
+                if block is not None:
+                    provenance.content_of(block)
+                    yield 0.0
     for _ in _read_cast(scene):
         yield 0.0
     cast_inputs(scene)
@@ -113,22 +114,21 @@ def of_characters(inputs: dict[str, str]) -> dict[str, str]:
     return {name: digest for name, digest in inputs.items() if name.startswith(CHARACTER)}
 
 
-def _actions(scene: bpy.types.Scene, name: str, objects: list[bpy.types.Object]) -> list:
-    """Return the digest of the actions that states name for a character, to compare as text."""
-    return performance.digest(
-        named_actions.performance_of(name, objects, actions_named(scene, name)).parts
+def _plays(scene: bpy.types.Scene, name: str, objects: list[bpy.types.Object]) -> tuple[str, str]:
+    """Return the digests of how a character moves, and of the actions that states name for it."""
+    motion = provenance.character_motion(objects)
+    names = actions_named(scene, name)
+    of_actions = provenance.told(
+        (name, motion, names),
+        lambda: performance.digest(named_actions.performance_of(name, objects, names).parts),
     )
+    return motion, of_actions
 
 
 def _read_motions(scene: bpy.types.Scene) -> Iterator[tuple[str, str]]:
-    for character in all_characters(scene):
-        if not character.variant_of:
-            name = character.name
-            read_actions = partial(_actions, scene, name, character.objects)
-            yield (
-                MOTION + name,
-                provenance.character_motion(character.objects, read_actions),
-            )
+    for each in all_characters(scene):
+        if not each.variant_of:
+            yield MOTION + each.name, text_digest(_plays(scene, each.name, each.objects))
 
 
 def _read_cast(scene: bpy.types.Scene) -> Iterator[tuple[str, str]]:
@@ -139,12 +139,10 @@ def _read_cast(scene: bpy.types.Scene) -> Iterator[tuple[str, str]]:
             name = character.name
             objects = character.objects
             cast[name] = objects
-            read_actions = partial(_actions, scene, name, objects)
+            _, of_actions = _plays(scene, name, objects)
             lods = [item for lod in character.given_lods for item in lod.objects]
-            yield (
-                CHARACTER + name,
-                provenance.character_digest([*objects, *lods], read_actions),
-            )
+            digest = provenance.character_digest([*objects, *lods])
+            yield CHARACTER + name, text_digest(digest, of_actions)
         levels = scene.crowd_lod.levels
         homes_read = set()
         for k, level in enumerate(levels.children if levels is not None else ()):

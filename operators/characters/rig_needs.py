@@ -8,10 +8,9 @@ import numpy as np
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import number
-from ..blender.animation import armatures_of
+from ..blender.animation import armatures_of, moves_whole
 from ..blender.named_actions import group_performance
 from ..blender.performance import Performance
-from ..blender.rig_dependencies import moves_whole
 
 SIMULATED = {
     "CLOTH",

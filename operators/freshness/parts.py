@@ -11,6 +11,7 @@ from ...crowd_lod.crowd.paces import mixed_in
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.levels.budget_fit import Budget
 from ..blender import provenance, scene_data
+from ..blender.contents import read_content
 from ..blender.provenance import text_digest
 from ..characters.cast_provenance import cast_inputs, of_characters
 from ..characters.characters import GROUP, all_characters
@@ -52,7 +53,7 @@ def camera_motion(scene: bpy.types.Scene) -> str:
     bound.sort(key=lambda marker: marker.frame)
     cameras = [camera for camera in (scene.camera, *(m.camera for m in bound)) if camera]
     frames = [marker.frame for marker in bound]
-    return text_digest(provenance.motion_digest(cameras), frames)
+    return text_digest(provenance.digest_of(cameras, read=read_content), frames)
 
 
 def lod_parts(scene: bpy.types.Scene) -> dict[str, str]:

@@ -16,10 +16,9 @@ from ...crowd_lod.simplification.pose_deformation import Skin
 from ..blender import mesh_data, removal
 from ..blender.animation import armatures_of, curves_of
 from ..blender.object_copies import SHOWN, copy_unlinked
-from ..blender.provenance import text_digest
+from ..blender.provenance import source_digest, text_digest
 from ..blender.references import closure_of
 from ..blender.render_evaluation import new_stage
-from ..blender.rig_dependencies import stance
 from .mesh_repair import drop_flat_parts, mend
 
 # modifiers that deform a LOD as they do its source, and so are left to it
@@ -402,9 +401,11 @@ def object_digest(item: bpy.types.Object, source: Source) -> str:
         [(name, blocks[name].slider_min, blocks[name].slider_max) for name in source.keys],
     )
     if source.mesh is None:
-        return text_digest(stance(item), appearance)
+        return text_digest(source_digest(item), appearance)
     active = (
         [layer.active_render for layer in source.mesh.uv_layers],
         source.mesh.attributes.default_color_name,
     )
-    return digest(source.mesh, source.weights, stance(item), appearance, active, source.groups)
+    return digest(
+        source.mesh, source.weights, source_digest(item), appearance, active, source.groups
+    )

@@ -6,9 +6,9 @@ import bpy
 import numpy as np
 
 from ..blender.animation import curves_of, players_of
+from ..blender.contents import custom_properties, read_columns, still_inputs
 from ..blender.object_copies import SHOWN
-from ..blender.provenance import nodes_inputs, text_digest
-from ..blender.rig_dependencies import custom_properties, full_name, read_columns
+from ..blender.provenance import text_digest
 
 CORNERS = (("co", 2, "f4"),)  # of a curve's keys: the rest is the same in all that rigs play
 
@@ -83,5 +83,5 @@ def _holds(item: bpy.types.Object) -> tuple:
         item.parent_bone,
         np.array([*item.matrix_basis, *item.matrix_parent_inverse]).tolist(),
         modifier_names,
-        nodes_inputs(item, full_name),
+        [(path, getattr(value, "name_full", value)) for path, value in still_inputs(item)],
     )

@@ -10,6 +10,7 @@ from crowd_lod_extension.operators.blender import provenance, sidebar_answers
 from crowd_lod_extension.operators.characters import cast_provenance
 from crowd_lod_extension.operators.characters.cast_provenance import cast_inputs
 from crowd_lod_extension.operators.cli import commands
+from crowd_lod_extension.operators.lod_meshes import level_objects
 
 from ..support.freshness import changed_since_build, changed_since_make
 from ..support.scene_frames import frame_now
@@ -51,6 +52,11 @@ def rename(scene):
             block.name = f"{'zyx'[k % 3]} {k}"
 
 
+def note_other_seconds(scene):
+    """As the same LOD would be noted that took longer to make."""
+    level(scene, 1)[level_objects.MILLISECONDS] *= 2
+
+
 def other_material(scene):
     level(scene, 1).data.materials[0] = bpy.data.materials.new("Red")
 
@@ -88,6 +94,7 @@ EDITS = {
     "a constraint": (repose, ["the character adult"]),
     "a key": (key, ["the character adult"]),
     "names": (rename, []),
+    "how long a LOD took": (note_other_seconds, []),
     "the frame": (lambda scene: scene.frame_set(17), []),
     "the colors of a material": (
         lambda scene: body(scene).data.materials[0].diffuse_color.__setitem__(0, 0.1),

@@ -4,6 +4,7 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.operators.blender.animation import action_range
+from crowd_lod_extension.operators.blender.provenance import source_digest
 from crowd_lod_extension.operators.characters.group_measuring import measure_groups
 from crowd_lod_extension.operators.lod_meshes.source_mesh import object_digest, read_source
 
@@ -247,3 +248,37 @@ def test_the_frame_what_panels_show_and_saving_change_nothing(body, tmp_path):
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "scene.blend"))
     assert digest(bpy.data.objects["body"]) == before
+
+
+def made_of_much(item):
+    """A textured Displace, a Hook with a curve, and nodes with a color ramp."""
+    texture = bpy.data.textures.new("noise", "CLOUDS")
+    item.modifiers.new("Displace", "DISPLACE").texture = texture
+    hook = item.modifiers.new("Hook", "HOOK")
+    hook.falloff_type = "CURVE"
+    group = bpy.data.node_groups.new("Group", "GeometryNodeTree")
+    item.modifiers.new("Nodes", "NODES").node_group = group
+    ramp = group.nodes.new("ShaderNodeValToRGB")
+    return texture, hook.falloff_curve.curves[0].points[0], ramp
+
+
+def test_what_a_struct_owns_and_what_it_refers_to_counts_and_what_windows_show_does_not():
+    item = new("body", tube("body", 8, 8))
+    skin(item, rig())
+    texture, point, ramp = made_of_much(item)
+    found = [source_digest(item)]
+    for change in (
+        lambda: setattr(texture, "noise_scale", 3),
+        lambda: setattr(point, "location", (0, 0.4)),
+        lambda: setattr(ramp.color_ramp.elements[0], "position", 0.3),
+        lambda: setattr(item.modifiers["Hook"], "show_render", False),
+    ):
+        change()
+        found.append(source_digest(item))
+    assert len(set(found)) == 5
+    texture.name = "another"
+    ramp.location = (300, 0)
+    ramp.select = item.modifiers["Hook"].show_expanded = False
+    item.hide_render = item.show_in_front = True
+    item.parent.data.display_type = "STICK"
+    assert source_digest(item) == found[-1]
