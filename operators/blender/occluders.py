@@ -22,11 +22,9 @@ PARTICLES_SHOWN = {"OBJECT", "COLLECTION"}  # as instances of these
 INSTANCING_NODES = {"INSTANCE_ON_POINTS", "COLLECTION_INFO"}
 
 # of meshes, by the digest of their points and triangles
-_topologies: dict[bytes, Topology] = scene_cache.add_cache({})
-MOST_TOPOLOGIES = 2048
+_topologies = scene_cache.Bounded(2048)
 # of whole scenes, by the digests and places of their parts
-_joined: dict[bytes, Occluders] = scene_cache.add_cache({})
-MOST_JOINED = 4
+_joined = scene_cache.Bounded(4)
 
 
 @dataclass(frozen=True)
@@ -71,10 +69,9 @@ class OccluderReading:
         """Return all parts as one; the known one if nothing has changed."""
         parts = list(self.parts.values())
         key = hashlib.blake2b(b"".join(part.key for part in parts), digest_size=16).digest()
-        if key not in _joined:
-            _drop_first(_joined, MOST_JOINED)
-            _joined[key] = join_occluders([Occluders(part.points, part.topology) for part in parts])
-        return _joined[key]
+        return _joined.of(
+            key, lambda: join_occluders([Occluders(part.points, part.topology) for part in parts])
+        )
 
     def sentences(self) -> list[str]:
         """Return a sentence on each reason."""
@@ -111,12 +108,6 @@ def read_occluders(
         else:
             reading.parts[row] = _part_of(meshes[item], matrix_of(placed, depsgraph))
     return reading
-
-
-def _drop_first(cache: dict, most: int) -> None:
-    """Make room for one more in the cache."""
-    while len(cache) >= most:
-        cache.pop(next(iter(cache)))
 
 
 def _sentence(reason: str, names: list[str]) -> str:
@@ -271,12 +262,8 @@ def _reason_against_mesh(mesh: _OpaqueMesh | None) -> str:
 
 def _part_of(mesh: _OpaqueMesh, matrix: np.ndarray) -> _Part:
     """Return the mesh placed by `matrix` (4, 4)."""
-    if mesh.digest not in _topologies:
-        _drop_first(_topologies, MOST_TOPOLOGIES)
-        _topologies[mesh.digest] = topology_of(mesh.points, mesh.triangles)
-    return _Part(
-        place(mesh, matrix).points, _topologies[mesh.digest], mesh.digest + matrix.tobytes()
-    )
+    topology = _topologies.of(mesh.digest, lambda: topology_of(mesh.points, mesh.triangles))
+    return _Part(place(mesh, matrix).points, topology, mesh.digest + matrix.tobytes())
 
 
 def _opaque_mesh(

@@ -15,8 +15,7 @@ from ..blender import kept_meshes, mesh_data, scene_cache, scene_data
 from ..blender.ownership import OWNED
 
 # By the session_uid of the stored mesh, the height where there is no ground, and meters per unit.
-_terrains: dict[tuple[int, float, float], Terrain] = scene_cache.add_cache({})
-MOST_TERRAINS = 4
+_terrains = scene_cache.Bounded(4)
 
 
 def objects_of(crowd) -> list[bpy.types.Object]:
@@ -82,17 +81,15 @@ def terrain_of(crowd, z: float) -> Terrain | None:
     if mesh is None:
         raise CrowdError(_unread(crowd))
     meters = scene_data.meters(crowd.id_data)
-    key = mesh.session_uid, z, meters
-    if key not in _terrains:
+
+    def read() -> Terrain:
         points = np.empty((len(mesh.vertices), 3), np.float32)
         mesh.vertices.foreach_get("co", points.ravel())
         triangles = np.empty(len(mesh.loops), np.int32)
         mesh.loops.foreach_get("vertex_index", triangles)
-        terrain = Terrain(points[triangles].astype(np.float64).reshape(-1, 3, 3), z, meters)
-        while len(_terrains) >= MOST_TERRAINS:
-            _terrains.pop(next(iter(_terrains)))
-        _terrains[key] = terrain
-    return _terrains[key]
+        return Terrain(points[triangles].astype(np.float64).reshape(-1, 3, 3), z, meters)
+
+    return _terrains.of((mesh.session_uid, z, meters), read)
 
 
 def terrain_digest(crowd) -> str:

@@ -22,8 +22,7 @@ from ..blender import (
 from ..blender.object_boxes import in_box
 
 # By the session_uid of the kept mesh.
-_places: dict[int, Places] = scene_cache.add_cache({})
-MOST_PLACES = 8
+_places = scene_cache.Bounded(8)
 HEADING = "heading"  # attribute of the kept mesh, and of the user's points
 LIVE = "RECTANGLE", "GRID"  # these follow from the settings alone
 
@@ -72,15 +71,15 @@ def places_of(crowd, area: Area) -> Places | None:
     mesh = crowd.start_places
     if mesh is None or HEADING not in mesh.attributes:
         raise CrowdError(_undrawn(crowd))
-    if mesh.session_uid not in _places:
-        points = np.empty((len(mesh.vertices), 3), np.float32)
-        heading = np.empty(len(mesh.vertices), np.float32)
-        mesh.vertices.foreach_get("co", points.ravel())
-        mesh.attributes[HEADING].data.foreach_get("value", heading)
-        while len(_places) >= MOST_PLACES:
-            _places.pop(next(iter(_places)))
-        _places[mesh.session_uid] = Places(points.astype(np.float64), heading)
-    return _places[mesh.session_uid]
+    return _places.of(mesh.session_uid, lambda: _kept_places(mesh))
+
+
+def _kept_places(mesh: bpy.types.Mesh) -> Places:
+    points = np.empty((len(mesh.vertices), 3), np.float32)
+    heading = np.empty(len(mesh.vertices), np.float32)
+    mesh.vertices.foreach_get("co", points.ravel())
+    mesh.attributes[HEADING].data.foreach_get("value", heading)
+    return Places(points.astype(np.float64), heading)
 
 
 def spacing_of(crowd) -> Spacing:
