@@ -14,9 +14,10 @@ from pathlib import Path
 import bpy
 import fast_simplification
 import numpy as np
+from crowd_lod_extension.crowd_lod.mesh import Mesh
 from crowd_lod_extension.crowd_lod.reporting.error_plots import COLORS
 from crowd_lod_extension.crowd_lod.simplification.decimate import decimate
-from crowd_lod_extension.operators.blender.mesh_data import new_mesh, read_triangles
+from crowd_lod_extension.operators.blender.mesh_data import new_mesh, read_mesh
 from crowd_lod_extension.operators.lod_meshes.surface import Surface, deviation
 from crowd_lod_extension.sample_scenes.characters import make_characters
 from matplotlib.figure import Figure
@@ -29,7 +30,7 @@ FLOOR = 1e-4  # percent: smaller distances are drawn there
 
 
 def crowd_lod(points, triangles, ratio):
-    lod = decimate((points, triangles), ratio, "benchmark")
+    lod = decimate(Mesh(points, triangles), ratio, "benchmark")
     return lod.points, lod.triangles
 
 
@@ -46,7 +47,8 @@ def blender(points, triangles, ratio):
     modifier.ratio = ratio
     modifier.use_collapse_triangulate = True
     try:
-        return read_triangles(item.evaluated_get(bpy.context.evaluated_depsgraph_get()).data)[:2]
+        coarse = read_mesh(item.evaluated_get(bpy.context.evaluated_depsgraph_get()).data)
+        return coarse.points, coarse.triangles
     finally:
         bpy.data.objects.remove(item)
 
@@ -57,10 +59,8 @@ METHODS = {"fast-simplification": fast, "Crowd LOD": crowd_lod, "Blender's Decim
 def evaluated(item: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
     for modifier in [m for m in item.modifiers if m.type == "ARMATURE"]:
         item.modifiers.remove(modifier)
-    points, triangles = read_triangles(
-        item.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
-    )[:2]
-    return np.array(points, np.float64), np.array(triangles)
+    read = read_mesh(item.evaluated_get(bpy.context.evaluated_depsgraph_get()).data)
+    return read.points.astype(np.float64), read.triangles
 
 
 def added(add, modifier: str = "", **settings) -> tuple[np.ndarray, np.ndarray]:

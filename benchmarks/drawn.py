@@ -52,13 +52,13 @@ def figure(vertices: int, group: Group) -> SkinnedMesh:
     none = np.full(vertices, -1, np.float32)
     return SkinnedMesh(
         points,
+        triangles,
         unit.astype(np.float32),
         near,
         weights,
         np.zeros((vertices, 2), np.float32),
         gray,
         none,
-        triangles,
         True,
     )
 

@@ -8,6 +8,8 @@ from functools import cached_property
 
 import bpy
 import numpy as np
+from crowd_lod_extension.crowd_lod.mesh import Mesh, join
+from crowd_lod_extension.operators.blender.mesh_data import world_mesh
 from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 from PIL import Image, ImageDraw
@@ -58,12 +60,8 @@ class Lod:
     figures: dict[str, float] = field(default_factory=dict)
 
 
-@dataclass
-class Shape:
-    """A surface in one frame: points (n, 3) meters about its middle, triangles (m, 3)."""
-
-    points: np.ndarray
-    triangles: np.ndarray
+class JudgedMesh(Mesh):
+    """A surface in one frame: points in meters about its middle."""
 
     @cached_property
     def tree(self) -> BVHTree:
@@ -103,39 +101,21 @@ class Stage:
                 rigs = [m.object for m in item.modifiers if m.type == "ARMATURE"]
                 waiting += [each for each in (item.parent, *rigs) if each is not None]
 
-    def at(self, frame: float) -> list[Shape]:
+    def at(self, frame: float) -> list[JudgedMesh]:
         """Return the character and the LODs in a frame, about the character's middle."""
         self.scene.frame_set(int(frame // 1), subframe=frame % 1)
         depsgraph = self.scene.view_layers[0].depsgraph
         depsgraph.update()
         shapes = [shape_of(objects, depsgraph) for objects in self.characters]
         middle = (shapes[0].points.min(axis=0) + shapes[0].points.max(axis=0)) / 2
-        for shape in shapes:
-            shape.points -= middle
-        return shapes
+        return [JudgedMesh(shape.points - middle, shape.triangles) for shape in shapes]
 
 
-def shape_of(objects: list[bpy.types.Object], depsgraph: bpy.types.Depsgraph) -> Shape:
-    points = []
-    triangles = []
-    count = 0
-    for item in objects:
-        evaluated = item.evaluated_get(depsgraph)
-        mesh = evaluated.to_mesh()
-        mesh.calc_loop_triangles()
-        local = np.empty(3 * len(mesh.vertices), np.float32)
-        mesh.vertices.foreach_get("co", local)
-        corners = np.empty(3 * len(mesh.loop_triangles), np.int32)
-        mesh.loop_triangles.foreach_get("vertices", corners)
-        matrix = np.array(evaluated.matrix_world)
-        points.append(local.reshape(-1, 3) @ matrix[:3, :3].T + matrix[:3, 3])
-        triangles.append(corners.reshape(-1, 3) + count)
-        count += len(mesh.vertices)
-        evaluated.to_mesh_clear()
-    return Shape(np.concatenate(points), np.concatenate(triangles))
+def shape_of(objects: list[bpy.types.Object], depsgraph: bpy.types.Depsgraph) -> Mesh:
+    return join([world_mesh(item.evaluated_get(depsgraph)) for item in objects])
 
 
-def scatter(shape: Shape, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def scatter(shape: JudgedMesh, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Return all corners, and points spread by area: faces (s,), weights (s, 3)."""
     _, first = np.unique(shape.triangles.ravel(), return_index=True)
     corners = shape.points[shape.triangles]
@@ -148,7 +128,7 @@ def scatter(shape: Shape, random: np.random.Generator) -> tuple[np.ndarray, np.n
 
 
 def seen_at(
-    shape: Shape, samples: tuple, distance: np.ndarray, above: float = 0.0
+    shape: JudgedMesh, samples: tuple, distance: np.ndarray, above: float = 0.0
 ) -> tuple[float, int]:
     """Return how far the farthest sample that shows is, or `above`, and its index, or -1."""
     off = OFF * np.ptp(shape.points, axis=0).max()
@@ -162,7 +142,7 @@ def seen_at(
     return above, -1
 
 
-def shown_faces(shape: Shape) -> np.ndarray:
+def shown_faces(shape: JudgedMesh) -> np.ndarray:
     """Return the faces (m,) of which a corner or the middle shows."""
     off = OFF * np.ptp(shape.points, axis=0).max()
     is_visible = np.zeros(len(shape.points), bool)
@@ -175,7 +155,7 @@ def shown_faces(shape: Shape) -> np.ndarray:
 
 
 def divide(
-    shape: Shape, other: Shape, least: float
+    shape: JudgedMesh, other: JudgedMesh, least: float
 ) -> tuple[float, tuple[np.ndarray, np.ndarray], np.ndarray]:
     """Find what shows of a surface that is farthest from another, by dividing its faces.
 
@@ -257,7 +237,7 @@ def joined(samples: tuple, more: tuple, some: np.ndarray) -> tuple[np.ndarray, n
     return np.concatenate([samples[0], more[0][some]]), np.concatenate([samples[1], more[1][some]])
 
 
-def ways(shapes: list[Shape]) -> list[tuple[int, Shape, Shape]]:
+def ways(shapes: list[JudgedMesh]) -> list[tuple[int, JudgedMesh, JudgedMesh]]:
     """Return (number, from, to) of a character and its LODs, both ways of each LOD."""
     pairs = [pair for shape in shapes[1:] for pair in ((shapes[0], shape), (shape, shapes[0]))]
     return [(number, *pair) for number, pair in enumerate(pairs)]
@@ -282,7 +262,7 @@ def watch(stage: Stage, count: int, frames: list[float]) -> list[tuple[np.ndarra
     return watched
 
 
-def visible_worst(shape: Shape, samples: tuple, distance: np.ndarray) -> np.ndarray:
+def visible_worst(shape: JudgedMesh, samples: tuple, distance: np.ndarray) -> np.ndarray:
     """Return the farthest samples that show, spread over the surface, up to WATCHED indices."""
     off = OFF * np.ptp(shape.points, axis=0).max()
     points = shape.at(samples)

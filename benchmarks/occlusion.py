@@ -253,7 +253,7 @@ def judge_many(number: int) -> dict:
     return {
         "frame": number,
         **_counts(frame),
-        "triangles": len(around.occluders.shape.triangles),
+        "triangles": len(around.occluders.topology.triangles),
         "cpu_ms": round(1000 * cpu / REPEATS, 1),
         **judge_by_rays(scene, frame, rays),
     }

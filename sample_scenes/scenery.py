@@ -12,13 +12,13 @@ from ..operators.blender.materials import switch_nodes_on
 
 # A shape is (points, faces): corners in world meters, and for each face the indices of its corners,
 # normals outward.
-Shape = tuple[list[tuple[float, float, float]], list[tuple[int, ...]]]
+Polygons = tuple[list[tuple[float, float, float]], list[tuple[int, ...]]]
 
 SUN = Vector((-0.45, -0.55, 0.70)).normalized()  # towards it
 SKY = (0.42, 0.60, 0.85)
 
 
-def box(x0, y0, x1, y1, z0, z1, inset=0.0) -> Shape:
+def box(x0, y0, x1, y1, z0, z1, inset=0.0) -> Polygons:
     """Return a box; its top is `inset` meters smaller on each side, as a hipped roof."""
     low = [(x0, y0, z0), (x1, y0, z0), (x1, y1, z0), (x0, y1, z0)]
     high = [(x0 + inset, y0 + inset, z1), (x1 - inset, y0 + inset, z1)]
@@ -27,12 +27,12 @@ def box(x0, y0, x1, y1, z0, z1, inset=0.0) -> Shape:
     return low + high, [(3, 2, 1, 0), (4, 5, 6, 7), *around]
 
 
-def tile(x0, y0, x1, y1, z=0.0) -> Shape:
+def tile(x0, y0, x1, y1, z=0.0) -> Polygons:
     """Return a level rectangle at the height z, facing up."""
     return [(x0, y0, z), (x1, y0, z), (x1, y1, z), (x0, y1, z)], [(0, 1, 2, 3)]
 
 
-def lathe(x, y, profile: list[tuple[float, float]], sides=12) -> Shape:
+def lathe(x, y, profile: list[tuple[float, float]], sides=12) -> Polygons:
     """Return the solid of revolution of a profile about the vertical through (x, y).
 
     profile: (radius, z) points, from the bottom up.
@@ -54,7 +54,7 @@ SPACING = 3.0  # meters between windows
 OUT = 0.04  # meters of panes before a wall
 
 
-def windows(x0, y0, x1, y1, z0, z1, storey=3.4) -> Shape:
+def windows(x0, y0, x1, y1, z0, z1, storey=3.4) -> Polygons:
     """Return panes on the four sides of the box, a little in front of the walls.
 
     One every SPACING meters along a wall and every `storey` meters up.
@@ -94,7 +94,7 @@ def material(name: str, color: tuple[float, float, float], roughness=0.8) -> bpy
 
 
 def add(
-    collection: bpy.types.Collection, name: str, parts: list[tuple[Shape, bpy.types.Material]]
+    collection: bpy.types.Collection, name: str, parts: list[tuple[Polygons, bpy.types.Material]]
 ) -> bpy.types.Object:
     """Return a new object in `collection` with one mesh of all `parts`.
 

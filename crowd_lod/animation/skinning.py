@@ -6,50 +6,45 @@ posed character, whose origin stands on the ground.
 The shaders do the same as the functions here, on the same arrays.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..connected_components import connected_components
+from ..mesh import Mesh, join
 
 INFLUENCES = 4  # joints that a vertex follows at most
 
 
-@dataclass(frozen=True)
-class SkinnedMesh:
+@dataclass(frozen=True, eq=False)
+class SkinnedMesh(Mesh):
     """A LOD of a whole character, all its objects in one mesh.
 
-    points, normals: (v, 3) float32, in the space that the joint matrices take to the character's.
+    Its points are float32, in the space that the joint matrices take to the character's, and its
+    triangles uint32.
+
+    normals: (v, 3) float32, in the same space.
     joints: (v, INFLUENCES) uint16.
     weights: (v, INFLUENCES) float32, strongest first; each row sums to 1.
     uvs: (v, 2) float32.
     colors: (v, 3) float32, linear base color.
     layers: (v,) float32, the image that replaces the color, -1 for none, and -2 for the agent's
         color in its place.
-    triangles: (t, 3) uint32.
     closed: whether back faces are never seen from outside.
     """
 
-    points: np.ndarray
     normals: np.ndarray
     joints: np.ndarray
     weights: np.ndarray
     uvs: np.ndarray
     colors: np.ndarray
     layers: np.ndarray
-    triangles: np.ndarray
     closed: bool = False
 
 
 def merge(meshes: list[SkinnedMesh]) -> SkinnedMesh:
     """Return one mesh made of several that share their joints."""
-    first = np.cumsum([0, *(len(mesh.points) for mesh in meshes[:-1])])
-    names = ("points", "normals", "joints", "weights", "uvs", "colors", "layers")
-    columns = {name: np.concatenate([getattr(mesh, name) for mesh in meshes]) for name in names}
-    shifted = [mesh.triangles + np.uint32(begin) for mesh, begin in zip(meshes, first, strict=True)]
-    return SkinnedMesh(
-        **columns, triangles=np.concatenate(shifted), closed=all(mesh.closed for mesh in meshes)
-    )
+    return replace(join(meshes), closed=all(mesh.closed for mesh in meshes))
 
 
 def closed(points: np.ndarray, triangles: np.ndarray) -> bool:

@@ -10,7 +10,7 @@ from ..connected_components import connected_components
 
 
 @dataclass(frozen=True)
-class Shape:
+class Topology:
     """How the triangles of a mesh meet, wherever it stands.
 
     triangles: (m, 3) intp vertices. Vertices at the same place count as one.
@@ -34,17 +34,17 @@ class Occluders:
     """Scenery at one time.
 
     points: (n, 3) float64, world meters.
-    shape: how its triangles meet.
+    topology: how its triangles meet.
     """
 
     points: np.ndarray
-    shape: Shape
+    topology: Topology
 
     @cached_property
     def boxes(self) -> tuple[np.ndarray, np.ndarray]:
         """(least, greatest) corner of each connected component, (components, 3) meters each."""
-        begins = np.searchsorted(self.shape.component, np.arange(self.shape.components))
-        corners = self.points[self.shape.triangles]
+        begins = np.searchsorted(self.topology.component, np.arange(self.topology.components))
+        corners = self.points[self.topology.triangles]
         if not len(corners):
             return np.empty((0, 3)), np.empty((0, 3))
         return (
@@ -53,8 +53,8 @@ class Occluders:
         )
 
 
-def shape_of_mesh(points: np.ndarray, triangles: np.ndarray) -> Shape:
-    """Return the Shape of a mesh.
+def topology_of(points: np.ndarray, triangles: np.ndarray) -> Topology:
+    """Return the Topology of a mesh.
 
     points: (n, 3).
     triangles: (m, 3) vertices.
@@ -67,11 +67,11 @@ def shape_of_mesh(points: np.ndarray, triangles: np.ndarray) -> Shape:
     order = np.argsort(labels, kind="stable")
     numbers, component = np.unique(labels[order], return_inverse=True)
     edges, sides = _edges(welded[order])
-    return Shape(welded[order], edges, sides, component.astype(np.intp), len(numbers))
+    return Topology(welded[order], edges, sides, component.astype(np.intp), len(numbers))
 
 
 def _edges(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the `edges` and the `sides` of a Shape."""
+    """Return the `edges` and the `sides` of a Topology."""
     directed = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     of_triangle = np.tile(np.arange(len(triangles)), 3)
     is_forward = directed[:, 0] < directed[:, 1]
@@ -100,24 +100,26 @@ def _edges(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def join_occluders(parts: Sequence[Occluders]) -> Occluders:
     """Return all `parts` as one; they do not meet."""
     vertices = np.cumsum([0, *(len(part.points) for part in parts)])
-    triangles = np.cumsum([0, *(len(part.shape.triangles) for part in parts)])
-    components = np.cumsum([0, *(part.shape.components for part in parts)])
+    triangles = np.cumsum([0, *(len(part.topology.triangles) for part in parts)])
+    components = np.cumsum([0, *(part.topology.components for part in parts)])
     rows = list(
         zip(parts, vertices.tolist(), triangles.tolist(), components.tolist(), strict=False)
     )
     return Occluders(
         np.concatenate([np.empty((0, 3)), *(part.points for part in parts)]),
-        Shape(
-            _stacked([part.shape.triangles + v for part, v, _, _ in rows], 3),
-            _stacked([part.shape.edges + v for part, v, _, _ in rows], 2),
+        Topology(
+            _stacked([part.topology.triangles + v for part, v, _, _ in rows], 3),
+            _stacked([part.topology.edges + v for part, v, _, _ in rows], 2),
             _stacked(
                 [
-                    np.where(part.shape.sides < 0, -1, part.shape.sides + t)
+                    np.where(part.topology.sides < 0, -1, part.topology.sides + t)
                     for part, _, t, _ in rows
                 ],
                 2,
             ),
-            np.concatenate([np.empty(0, np.intp), *(p.shape.component + c for p, _, _, c in rows)]),
+            np.concatenate(
+                [np.empty(0, np.intp), *(p.topology.component + c for p, _, _, c in rows)]
+            ),
             int(components[-1]),
         ),
     )

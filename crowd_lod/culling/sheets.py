@@ -99,26 +99,26 @@ def read_sheets(
     occluders: Occluders, components: np.ndarray, cameras: Sequence[Camera], grid: Grid
 ) -> Sheets:
     """Return the sheets of `components` (k,) in the picture of the first camera."""
-    shape = occluders.shape
-    number = np.flatnonzero(np.isin(shape.component, components))
+    topology = occluders.topology
+    number = np.flatnonzero(np.isin(topology.component, components))
     is_used = np.zeros(len(occluders.points), bool)
-    is_used[shape.triangles[number]] = True
+    is_used[topology.triangles[number]] = True
     row = np.cumsum(is_used) - 1  # of each vertex among those that are used
     points = occluders.points[is_used]
     views = [view_points(points, camera) for camera in cameras]
-    facing = np.zeros(len(shape.triangles) + 1, np.intp)  # the last stands for no triangle
-    facing[number] = _facing(views[0][row[shape.triangles[number]]], cameras[0])
+    facing = np.zeros(len(topology.triangles) + 1, np.intp)  # the last stands for no triangle
+    facing[number] = _facing(views[0][row[topology.triangles[number]]], cameras[0])
     number = np.flatnonzero(facing)
-    beside = facing[shape.sides]
+    beside = facing[topology.sides]
     goes_on = (beside[:, 0] == beside[:, 1]) & (beside[:, 0] != 0)
-    sheet = np.append(connected_components(len(shape.triangles), shape.sides[goes_on]), -1)
+    sheet = np.append(connected_components(len(topology.triangles), topology.sides[goes_on]), -1)
     grain = GRAIN * (np.abs(points).sum(axis=1) + np.abs(cameras[0].origin).sum())
     columns = np.concatenate([*views, grain[:, None]], axis=1)
-    corners = columns[row[shape.triangles[number]]]
+    corners = columns[row[topology.triangles[number]]]
     of_corners = sheet[number]
     rows, side = np.nonzero((beside != 0) & ~goes_on[:, None])
-    ends = columns[row[shape.edges[rows]]]
-    of_ends = sheet[shape.sides[rows, side]]
+    ends = columns[row[topology.edges[rows]]]
+    of_ends = sheet[topology.sides[rows, side]]
     for k, camera in enumerate(cameras):
         cut = nearest_cut(camera)
         corners, of_corners, cuts, of_cuts = _cut_triangles(corners, of_corners, 3 * k + 2, cut)

@@ -14,6 +14,7 @@ import numpy as np
 from ..connected_components import connected_components
 from ..errors import CrowdError
 from ..format import counted
+from ..mesh import Mesh
 from ..progress import finished
 from . import settings
 from .components import areas, grown
@@ -21,7 +22,7 @@ from .edge_collapse import Collapsed, collapse
 from .pose_deformation import Skin
 from .quadrics import Poses, normals_of, quadrics_of
 from .surface_fit import SurfaceFit
-from .triangle_mesh import Shape, constrained_edges, edge_keys, half_edges
+from .triangle_mesh import constrained_edges, edge_keys, half_edges
 
 GRID = 2.0**33  # steps in the mesh's size: a power of two, so that flat stays flat
 
@@ -29,17 +30,14 @@ GRID = 2.0**33  # steps in the mesh's size: a power of two, so that flat stays f
 _one_at_a_time = threading.Lock()
 
 
-@dataclass(frozen=True)
-class LodMesh:
-    """A LOD's mesh.
+@dataclass(frozen=True, eq=False)
+class LodMesh(Mesh):
+    """A LOD's mesh, with points as float64, in meters, and triangles as int32.
 
-    points: (k, 3) float64, meters; triangles: (m, 3) int32.
     source: (k,) intp, the source's point whose weights each takes: the nearest of those that
     collapsed into it.
     """
 
-    points: np.ndarray
-    triangles: np.ndarray
     source: np.ndarray
 
 
@@ -61,7 +59,7 @@ def decimate(*args: Any, **named: Any) -> LodMesh:
 
 
 def decimating(  # noqa: PLR0913 - what a mesh is decimated by
-    shape: Shape,
+    mesh: Mesh,
     ratio: float,
     name: str,
     seams: np.ndarray | None = None,
@@ -71,8 +69,8 @@ def decimating(  # noqa: PLR0913 - what a mesh is decimated by
 ) -> Generator[None, None, LodMesh]:
     """Make the mesh with about `ratio` of its triangles; yields between its steps.
 
-    shape: points (n, 3) meters and triangles (m, 3) indices; ratio: in (0, 1], 1 gives the mesh
-    itself; name: of the mesh, for errors.
+    mesh: of n points, in meters; ratio: in (0, 1], 1 gives the mesh itself; name: of the mesh, for
+    errors.
     seams: (k, 2) indices of points, edges kept in place as open borders are, such as UV seams.
     skin: how its points move, if they do: the poses count as much as the rest.
     effort: what part of Settings.moves it may do, as one of a character's meshes.
@@ -82,10 +80,10 @@ def decimating(  # noqa: PLR0913 - what a mesh is decimated by
     become one. Loose parts become cards, or go, where that shows less than what collapses
     elsewhere, see LooseParts. CrowdError for bad input.
     """
-    _check(shape, ratio, name)
-    vertices, triangles = np.unique(shape[1], return_inverse=True)
+    _check(mesh, ratio, name)
+    vertices, triangles = np.unique(mesh.triangles, return_inverse=True)
     triangles = triangles.reshape(-1, 3)
-    points = shape[0][vertices].astype(np.float64)
+    points = mesh.points[vertices].astype(np.float64)
     target = max(1, round(ratio * len(triangles)))
     if target >= len(triangles):
         return LodMesh(points, triangles.astype(np.int32), vertices)
@@ -113,30 +111,30 @@ def decimating(  # noqa: PLR0913 - what a mesh is decimated by
     # of points that became one the greatest weight counts
     weights = np.zeros(len(unit))
     np.maximum.at(weights, joined, 1.0 if weight is None else weight[vertices])
-    mesh = unit[solid], whole
-    best = yield from _best(mesh, constrained, target, skin, effort, weights[solid])
+    best = yield from _best(
+        Mesh(unit[solid], whole), constrained, target, skin, effort, weights[solid]
+    )
     source = solid[best.follows] if skin else _stand_for(unit, best, index[joined])
     return LodMesh(best.points * size + low, best.triangles.astype(np.int32), vertices[source])
 
 
-def _check(shape: Shape, ratio: float, name: str) -> None:
+def _check(mesh: Mesh, ratio: float, name: str) -> None:
     """Raise CrowdError if `decimating` cannot work with the input."""
-    points, triangles = shape
     if not 0 < ratio <= 1:
         raise CrowdError(f"The LOD ratio {ratio:g} of {name} is not in (0, 1].")
-    if not len(triangles):
+    if not len(mesh.triangles):
         raise CrowdError(
             f"The mesh {name} has no faces: remove it from its character group or give it some."
         )
-    if not np.isfinite(points).all():
-        wrong = int((~np.isfinite(points)).any(axis=1).sum())
+    if not np.isfinite(mesh.points).all():
+        wrong = int((~np.isfinite(mesh.points)).any(axis=1).sum())
         raise CrowdError(
             f"The mesh {name} has {counted(wrong, 'vertex', 'vertices')} at NaN or infinity."
         )
 
 
 def _best(
-    shape: Shape,
+    mesh: Mesh,
     seams: np.ndarray,
     target: int,
     skin: Skin | None,
@@ -145,26 +143,26 @@ def _best(
 ) -> Generator[None, None, Collapsed]:
     """Collapse edges, then fit the surface; yields between the steps.
 
-    shape: points (n, 3), of unit size, and triangles (m, 3); seams: (k, 2); target: triangles
-    wanted; effort: part of Settings.moves; weight: (n,), see decimating(). Returns the points left;
+    mesh: of unit size, with n points; seams: (k, 2); target: triangles wanted; effort: part of Settings.moves; weight: (n,), see decimating(). Returns the points left;
     `follows` tells something with a skin only.
 
     Work is counted, not timed: the same mesh gives the same LOD. fast-simplification knows no
     poses, and takes the rings of a straight elbow first: it goes less far, in the pose that bends
     most.
     """
-    points, triangles = shape
+    points = mesh.points
+    triangles = mesh.triangles
     part = connected_components(len(points), triangles)
     constrained = constrained_edges(triangles, seams, len(points))
-    left = yield from _collapse(shape, part, seams, constrained, target, skin, weight)
+    left = yield from _collapse(mesh, part, seams, constrained, target, skin, weight)
     kept_points, new_triangles = np.unique(left.triangles, return_inverse=True)
     collapse_map = _index_of(kept_points, len(left.points))[left.collapse_map]
     yield
     sides, is_border = constrained
     inner = half_edges(triangles)[sides[~is_border]]  # open borders may move along themselves
     inside = np.isin(edge_keys(seams.T, len(points)), edge_keys(inner.T, len(points)))
-    lod = left.points[kept_points], new_triangles.reshape(-1, 3)
-    fit = SurfaceFit(lod, shape, collapse_map, seams[inside], skin, left.follows[kept_points])
+    lod = Mesh(left.points[kept_points], new_triangles.reshape(-1, 3))
+    fit = SurfaceFit(lod, mesh, collapse_map, seams[inside], skin, left.follows[kept_points])
     now = settings.CURRENT
     yield from _fitted(fit, max(effort * now.moves, now.moves_each * len(triangles)))
     return Collapsed(
@@ -176,7 +174,7 @@ def _best(
 
 
 def _collapse(  # noqa: PLR0913 - what a mesh is decimated by
-    shape: Shape,
+    mesh: Mesh,
     part: np.ndarray,
     seams: np.ndarray,
     constrained: tuple[np.ndarray, np.ndarray],
@@ -189,7 +187,8 @@ def _collapse(  # noqa: PLR0913 - what a mesh is decimated by
     part: (n,), the loose part of each point; constrained: see constrained_edges(); all else: see
     _best().
     """
-    points, triangles = shape
+    points = mesh.points
+    triangles = mesh.triangles
     now = settings.CURRENT
     hold = 1.0 if skin else min(1.0, target / len(triangles) / now.seams_yield) ** 3
     facing = normals_of(points, triangles)
@@ -217,7 +216,7 @@ def _collapse(  # noqa: PLR0913 - what a mesh is decimated by
         sums[:11] += now.bulk_planes * quadrics_of(
             start, coarse, constrained_edges(coarse, collapse_map[seams], len(start)), hold
         )
-    left = yield from collapse((start, coarse), sums[:11], sums[11:].T, target, poses)
+    left = yield from collapse(Mesh(start, coarse), sums[:11], sums[11:].T, target, poses)
     return left._replace(collapse_map=left.collapse_map[collapse_map])
 
 

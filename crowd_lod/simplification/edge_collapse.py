@@ -8,11 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..mesh import Mesh
 from . import settings
 from .collapse_rules import CollapsingMesh, are_bridges, are_flat, choose_collapses, in_ring
 from .loose_parts import LooseParts
 from .quadrics import Edges, PoseErrors, Poses, place_collapses
-from .triangle_mesh import Shape, edges_of
+from .triangle_mesh import edges_of
 
 
 class Collapsed(NamedTuple):
@@ -30,12 +31,11 @@ class Collapsed(NamedTuple):
 
 
 def collapse(
-    shape: Shape, quadrics: np.ndarray, normals: np.ndarray, target: int, poses: Poses | None = None
+    mesh: Mesh, quadrics: np.ndarray, normals: np.ndarray, target: int, poses: Poses | None = None
 ) -> Generator[None, None, Collapsed]:
     """Collapse edges until at most `target` faces are left, or as few as may be.
 
-    shape: points (n, 3), about of unit size, and triangles (m, 3); quadrics: (11, n); normals: (n,
-    3). With `poses` the errors in these add to that at rest. Source: Mohr, Gleicher, "Deformation
+    mesh: of n points, about of unit size; quadrics: (11, n); normals: (n, 3). With `poses` the errors in these add to that at rest. Source: Mohr, Gleicher, "Deformation
     sensitive decimation", 2003.
 
     Yields between the rounds. Returns the mesh with all n points, whose indices stay; of an edge's
@@ -43,10 +43,9 @@ def collapse(
     keeps a triangle, or four where it is closed. Loose parts become cards, or go, where that costs
     less than the next collapses (see LooseParts).
     """
-    points, triangles = shape
     # of few of them, when most have collapsed before
-    used, corners = np.unique(triangles, return_inverse=True)
-    work = _Collapse(points, used, corners.reshape(-1, 3), quadrics, normals, poses)
+    used, corners = np.unique(mesh.triangles, return_inverse=True)
+    work = _Collapse(mesh.points, used, corners.reshape(-1, 3), quadrics, normals, poses)
     while (excess := work.corners.shape[1] - target) > 0:
         ends, at = work.next_collapses(excess)
         if ends.shape[1]:
@@ -54,7 +53,7 @@ def collapse(
             yield
         elif work.stuck:
             break
-    return work.result(points)
+    return work.result(mesh.points)
 
 
 class _Collapse:

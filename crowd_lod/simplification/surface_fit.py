@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from ..mesh import Mesh
 from . import settings
 from .closest_point import beyond, doubt, follow, walk
 from .edge_flips import Flips, choose_flips, find_flips, flip_edges, measure_flips
@@ -12,7 +13,7 @@ from .fit_state import FitState
 from .pose_deformation import Copies, Skin
 from .quadrics import normals_of
 from .surface_sampling import between, lattice
-from .triangle_mesh import Shape, TriangleMesh, length, normals
+from .triangle_mesh import TriangleMesh, length, normals
 from .vertex_moves import hold_on_seams, sum_pulls, unfold, weigh_samples
 
 MIDDLES = lattice(2)  # of a face and its edges
@@ -32,8 +33,8 @@ class SurfaceFit:
 
     def __init__(
         self,
-        lod: Shape,
-        source: Shape,
+        lod: Mesh,
+        source: Mesh,
         collapse_map: np.ndarray,
         seams: np.ndarray,
         skin: Skin | None = None,
@@ -41,37 +42,36 @@ class SurfaceFit:
     ):
         """The fit of a LOD to its source.
 
-        lod: points (n, 3), none of them loose, and triangles (m, 3).
-        source: points (k, 3) and triangles (j, 3) that the LOD was made of.
+        lod: of n points, none of them loose.
+        source: of k points, that the LOD was made of.
         collapse_map: (k,) the LOD's point that each of the source's collapsed into, or -1.
         seams: (s, 2) edges of the source; the LOD's points on them stay on them.
         skin: how the source moves, if it does; follows: (n,) the source's point that each of the
         LOD's moves with. Both surfaces are then in Copies, at rest and in each pose, and so are
         vertices, faces and samples hereafter.
         """
-        points, triangles = lod
-        source_points, source_triangles = source
         self.copies = Copies(skin)
-        self.follows = np.zeros(len(points), np.intp) if follows is None else follows
-        self.source = self._in_copies(source, np.arange(len(source_points)))
+        self.follows = np.zeros(len(lod.points), np.intp) if follows is None else follows
+        self.source = self._in_copies(source, np.arange(len(source.points)))
         self.collapse_map = self.copies.every(collapse_map)
         ends = collapse_map[seams].T
         self.seams = self.copies.every(ends[:, (ends >= 0).all(axis=0) & (ends[0] != ends[1])])
-        self.outward = normals_of(source_points, source_triangles).T
+        self.outward = normals_of(source.points, source.triangles).T
         self.least = np.inf
         self.rough = False
         self.best: FitState | None = None
-        self.source_samples = self._choose_source_samples(len(source_points))
-        self.divisions = _divisions(self.copies.count * len(triangles))
+        self.source_samples = self._choose_source_samples(len(source.points))
+        self.divisions = _divisions(self.copies.count * len(lod.triangles))
         self.grid = lattice(self.divisions)
         self.state = self._first_state(self._in_copies(lod, self.follows))
         self.measure()
 
-    def _in_copies(self, shape: Shape, follows: np.ndarray) -> TriangleMesh:
+    def _in_copies(self, mesh: Mesh, follows: np.ndarray) -> TriangleMesh:
         """The mesh at rest and in each pose, side by side; follows: see __init__."""
-        points, triangles = shape
         copies = self.copies
-        return TriangleMesh(copies.at(copies.rest * points.T, follows), copies.every(triangles.T))
+        return TriangleMesh(
+            copies.at(copies.rest * mesh.points.T, follows), copies.every(mesh.triangles.T)
+        )
 
     def _choose_source_samples(self, n: int) -> np.ndarray:
         """The vertices of the source, in all copies, that are samples: at rest all that are left.

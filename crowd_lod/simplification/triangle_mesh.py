@@ -9,8 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-Shape = tuple[np.ndarray, np.ndarray]  # points (n, 3), triangles (m, 3)
-
 SIZES = (0.5, 0.9, 0.99, 1.0)  # parts of the faces, by size, that are searched apart
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .. import srgb
+from ..mesh import Mesh
 from ..simplification import rasterizer
 
 SUPERSAMPLING = 3  # pixels drawn across one of the picture
@@ -23,20 +24,16 @@ LARGEST = 256  # pixels of a character's diagonal at which its LODs' pictures ar
 HALVINGS = 6  # of these, for pictures as they look from farther off
 
 
-@dataclass(frozen=True)
-class Body:
-    """A body to draw.
+@dataclass(frozen=True, eq=False)
+class ShadedMesh(Mesh):
+    """A body to draw, points in meters.
 
-    points: (n, 3) meters.
-    triangles: (m, 3).
     normals: (m, 3, 3), of each triangle's corners, of length 1.
     uvs: (m, 3, 2), of each triangle's corners.
     colors: (m, 3), linear color of each triangle.
     image: (m,), the number of the image that replaces the color, or -1.
     """
 
-    points: np.ndarray
-    triangles: np.ndarray
     normals: np.ndarray
     uvs: np.ndarray
     colors: np.ndarray
@@ -44,7 +41,7 @@ class Body:
 
 
 def pictures(
-    bodies: Sequence[Body], images: np.ndarray, flat: Sequence[np.ndarray], axes: np.ndarray
+    bodies: Sequence[ShadedMesh], images: np.ndarray, flat: Sequence[np.ndarray], axes: np.ndarray
 ) -> list[np.ndarray]:
     """Return pictures (rows, columns, 3) float64 of the bodies, sRGB from 0 to 1.
 
@@ -54,7 +51,7 @@ def pictures(
 
 
 def lit(
-    bodies: Sequence[Body], images: np.ndarray, flat: Sequence[np.ndarray], axes: np.ndarray
+    bodies: Sequence[ShadedMesh], images: np.ndarray, flat: Sequence[np.ndarray], axes: np.ndarray
 ) -> list[np.ndarray]:
     """Return linear pictures (rows, columns, 3) float64 of the bodies.
 
@@ -111,7 +108,7 @@ def from_afar(picture: np.ndarray, other_picture: np.ndarray) -> list[float]:
 
 
 def _colors(
-    body: Body, images: np.ndarray, triangle: np.ndarray, weights: np.ndarray
+    body: ShadedMesh, images: np.ndarray, triangle: np.ndarray, weights: np.ndarray
 ) -> np.ndarray:
     """Return linear colors (k, 3) at barycentric `weights` (k, 3) of triangles (k,)."""
     colors = body.colors[triangle]

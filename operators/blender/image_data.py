@@ -15,8 +15,7 @@ from . import removal, scene_cache
 from .console import quiet
 
 # The values last read of each image, and when.
-_values: dict[int, tuple[np.ndarray, float]] = scene_cache.add_cache({})
-MOST_IMAGES = 8
+_values = scene_cache.Bounded(8)
 # seconds, while an animation plays, between two reads of an image: to read it at each frame would
 # take too long
 LOOK_AGAIN = 1.0
@@ -44,7 +43,7 @@ def read_values(image: bpy.types.Image) -> np.ndarray:
         raise CrowdError(f"The image {image.name} has no pixels ({path}): load or paint it again.")
     shape = (height, width, image.channels)
     now = clock.monotonic()
-    before, looked = _values.pop(image.session_uid, (None, -np.inf))
+    before, looked = _values.get(image.session_uid, (None, -np.inf))
     if before is not None and before.shape == shape and now < looked + LOOK_AGAIN and is_playing():
         values = before
         now = looked
@@ -54,8 +53,6 @@ def read_values(image: bpy.types.Image) -> np.ndarray:
         if before is not None and np.array_equal(before, values):
             values = before
         values.flags.writeable = False
-    while len(_values) >= MOST_IMAGES:
-        _values.pop(next(iter(_values)))
     _values[image.session_uid] = values, now
     return values
 

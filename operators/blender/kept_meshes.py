@@ -7,13 +7,16 @@ A mesh is never changed: another one takes its place. So copies of a scene may s
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 
 import bpy
 import numpy as np
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
+from ...crowd_lod.mesh import place
 from . import provenance, removal
+from .mesh_data import ReadMesh, read_mesh
 from .ownership import OWNED
 
 NAMES = "start_places", "terrain_mesh"  # the settings that refer to one
@@ -78,15 +81,13 @@ def moving_names(objects: Sequence[bpy.types.Object]) -> list[str]:
     return names
 
 
-def evaluated_triangles(
+def evaluated_meshes(
     objects: Sequence[bpy.types.Object], depsgraph: bpy.types.Depsgraph
-) -> Iterator[tuple[bpy.types.Object, bpy.types.Mesh, np.ndarray, np.ndarray]]:
-    """Yield (object, evaluated mesh, points (n, 3) float64, triangles (m, 3) int32) of each shape.
+) -> Iterator[tuple[bpy.types.Object, bpy.types.Mesh, ReadMesh]]:
+    """Yield (object, evaluated mesh, the same as arrays in world space) of each shape.
 
-    The points are in world space.
-
-    These are those of the objects themselves, and of all that they instance. The mesh is valid
-    until the next. Triangles of mirrored objects are turned, so that they face as Blender shows
+    These are those of the objects themselves, and of all that they instance. The evaluated mesh is
+    valid until the next. Triangles of mirrored objects are turned, so that they face as Blender shows
     them.
     CrowdError if a vertex is at NaN or infinity.
     """
@@ -109,23 +110,16 @@ def _shape(item: bpy.types.Object, matrix: np.ndarray) -> Iterator[tuple]:
     except RuntimeError:  # it has none, as an empty or hair
         return
     try:
-        points = np.empty((len(mesh.vertices), 3), np.float32)
-        mesh.vertices.foreach_get("co", points.ravel())
-        mesh.calc_loop_triangles()
-        triangles = np.empty((len(mesh.loop_triangles), 3), np.int32)
-        mesh.loop_triangles.foreach_get("vertices", triangles.ravel())
-        wrong = int((~np.isfinite(points).all(axis=1)).sum())
+        read = read_mesh(mesh)
+        wrong = int((~np.isfinite(read.points).all(axis=1)).sum())
         if wrong:
             raise CrowdError(
                 f"The object {item.name} has {counted(wrong, 'vertex', 'vertices')} at NaN or "
                 "infinity: mend its mesh or its modifiers, then press Populate."
             )
-        flipped = np.linalg.det(matrix[:3, :3]) < 0
-        yield (
-            item.original,
-            mesh,
-            points @ matrix[:3, :3].T + matrix[:3, 3],
-            triangles[:, ::-1] if flipped else triangles,
-        )
+        read = place(read, matrix)
+        if np.linalg.det(matrix[:3, :3]) < 0:
+            read = replace(read, triangles=read.triangles[:, ::-1])
+        yield item.original, mesh, read
     finally:
         item.to_mesh_clear()

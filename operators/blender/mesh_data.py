@@ -1,9 +1,12 @@
 """Copies meshes and points between bpy and NumPy."""
 
+from dataclasses import dataclass
+
 import bpy
 import numpy as np
 
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.mesh import Mesh, place
 
 
 def count_triangles(mesh: bpy.types.Mesh) -> int:
@@ -11,14 +14,22 @@ def count_triangles(mesh: bpy.types.Mesh) -> int:
     return len(mesh.loops) - 2 * len(mesh.polygons)
 
 
-def read_triangles(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return (points, triangles, corners, faces) of the mesh, in its own space.
+@dataclass(frozen=True, eq=False)
+class ReadMesh(Mesh):
+    """A Blender mesh as it was read: points as float32 unless placed, triangles as int32.
 
-    points: (n, 3) float32.
-    triangles: (m, 3) int32 vertex indices.
     corners: (m, 3) int32 loop indices.
-    faces: (m,) int32, the polygon index of each triangle.
+    faces: (m,) int32, the polygon of each triangle.
+    slots: (m,) int32, the material slot of each triangle.
     """
+
+    corners: np.ndarray
+    faces: np.ndarray
+    slots: np.ndarray
+
+
+def read_mesh(mesh: bpy.types.Mesh) -> ReadMesh:
+    """Return the mesh in its own space."""
     points = np.empty((len(mesh.vertices), 3), np.float32)
     mesh.vertices.foreach_get("co", points.ravel())
     mesh.calc_loop_triangles()
@@ -26,10 +37,12 @@ def read_triangles(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray, np.nda
     triangles = np.empty((count, 3), np.int32)
     corners = np.empty((count, 3), np.int32)
     faces = np.empty(count, np.int32)
+    slots = np.empty(len(mesh.polygons), np.int32)
     mesh.loop_triangles.foreach_get("vertices", triangles.ravel())
     mesh.loop_triangles.foreach_get("loops", corners.ravel())
     mesh.loop_triangles.foreach_get("polygon_index", faces)
-    return points, triangles, corners, faces
+    mesh.polygons.foreach_get("material_index", slots)
+    return ReadMesh(points, triangles, corners, faces, slots[faces])
 
 
 def new_mesh(name: str, points: np.ndarray, triangles: np.ndarray) -> bpy.types.Mesh:
@@ -131,31 +144,21 @@ def world_points(evaluated: bpy.types.Object) -> np.ndarray:
     return points @ matrix[:3, :3].T + matrix[:3, 3]
 
 
-def world_triangles(evaluated: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
-    """Return (points, triangles) of an evaluated object's mesh in world space.
+def world_mesh(evaluated: bpy.types.Object) -> ReadMesh:
+    """Return an evaluated object's mesh in world space, its points as float64.
 
     Empty if the object has no mesh, as with hair.
-
-    points: (n, 3) float64.
-    triangles: (m, 3) int32.
     """
-    return world_faces(evaluated)[:2]
-
-
-def world_faces(evaluated: bpy.types.Object) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return what `world_triangles` does, and the material slot of each triangle, (m,) int32."""
     try:
         mesh = evaluated.to_mesh()
     except RuntimeError:
-        return np.empty((0, 3)), np.empty((0, 3), np.int32), np.empty(0, np.int32)
+        threes = np.empty((0, 3), np.int32)
+        return ReadMesh(np.empty((0, 3)), threes, threes, *np.empty((2, 0), np.int32))
     try:
-        points, triangles, _, faces = read_triangles(mesh)
-        slots = np.empty(len(mesh.polygons), np.int32)
-        mesh.polygons.foreach_get("material_index", slots)
+        read = read_mesh(mesh)
     finally:
         evaluated.to_mesh_clear()
-    matrix = np.array(evaluated.matrix_world, np.float64)
-    return points @ matrix[:3, :3].T + matrix[:3, 3], triangles, slots[faces]
+    return place(read, np.array(evaluated.matrix_world, np.float64))
 
 
 def world_polygons(

@@ -7,10 +7,11 @@ from dataclasses import dataclass, field
 import bpy
 import numpy as np
 
-from ...crowd_lod.culling.occluders import Occluders, Shape, join_occluders, shape_of_mesh
+from ...crowd_lod.culling.occluders import Occluders, Topology, join_occluders, topology_of
+from ...crowd_lod.mesh import Mesh, place
 from . import scene_cache
 from .materials import hides_in_all_engines
-from .mesh_data import count_triangles, read_triangles
+from .mesh_data import count_triangles, read_mesh
 from .render_evaluation import shows_alike
 from .scenery import Placed, Scenery, matrix_of
 
@@ -21,11 +22,9 @@ PARTICLES_SHOWN = {"OBJECT", "COLLECTION"}  # as instances of these
 INSTANCING_NODES = {"INSTANCE_ON_POINTS", "COLLECTION_INFO"}
 
 # of meshes, by the digest of their points and triangles
-_shapes: dict[bytes, Shape] = scene_cache.add_cache({})
-MOST_SHAPES = 2048
+_topologies = scene_cache.Bounded(2048)
 # of whole scenes, by the digests and places of their parts
-_joined: dict[bytes, Occluders] = scene_cache.add_cache({})
-MOST_JOINED = 4
+_joined = scene_cache.Bounded(4)
 
 
 @dataclass(frozen=True)
@@ -37,7 +36,7 @@ class _Part:
     """
 
     points: np.ndarray
-    shape: Shape
+    topology: Topology
     key: bytes
 
 
@@ -70,10 +69,9 @@ class OccluderReading:
         """Return all parts as one; the known one if nothing has changed."""
         parts = list(self.parts.values())
         key = hashlib.blake2b(b"".join(part.key for part in parts), digest_size=16).digest()
-        if key not in _joined:
-            _drop_first(_joined, MOST_JOINED)
-            _joined[key] = join_occluders([Occluders(part.points, part.shape) for part in parts])
-        return _joined[key]
+        return _joined.of(
+            key, lambda: join_occluders([Occluders(part.points, part.topology) for part in parts])
+        )
 
     def sentences(self) -> list[str]:
         """Return a sentence on each reason."""
@@ -92,7 +90,7 @@ def read_occluders(
     """
     layers = [layer for layer in scene.view_layers if layer.use]
     reading = OccluderReading()
-    meshes: dict[bpy.types.Object, _Mesh | None] = {}
+    meshes: dict[bpy.types.Object, _OpaqueMesh | None] = {}
     for row, placed in enumerate(scenery.solid):
         item, inside = placed
         if item in excluded or any(block in excluded for block in inside):
@@ -110,12 +108,6 @@ def read_occluders(
         else:
             reading.parts[row] = _part_of(meshes[item], matrix_of(placed, depsgraph))
     return reading
-
-
-def _drop_first(cache: dict, most: int) -> None:
-    """Make room for one more in the cache."""
-    while len(cache) >= most:
-        cache.pop(next(iter(cache)))
 
 
 def _sentence(reason: str, names: list[str]) -> str:
@@ -248,23 +240,19 @@ def _is_drawn(item: bpy.types.Object) -> bool:
     return item.display_type in ("SOLID", "TEXTURED") and item.color[3] == 1
 
 
-@dataclass(frozen=True)
-class _Mesh:
+@dataclass(frozen=True, eq=False)
+class _OpaqueMesh(Mesh):
     """The opaque triangles of an object, in its own space.
 
-    points: (n, 3) float32.
-    triangles: (m, 3).
-    digest: of both.
+    digest: of points and triangles.
     has_faces: whether it has triangles, opaque or not.
     """
 
-    points: np.ndarray
-    triangles: np.ndarray
     digest: bytes
     has_faces: bool
 
 
-def _reason_against_mesh(mesh: _Mesh | None) -> str:
+def _reason_against_mesh(mesh: _OpaqueMesh | None) -> str:
     if mesh is None:
         return f"it has more than {MOST_TRIANGLES:,} triangles"
     if not mesh.has_faces:
@@ -272,26 +260,21 @@ def _reason_against_mesh(mesh: _Mesh | None) -> str:
     return "" if len(mesh.triangles) else "its materials may let light through or move its surface"
 
 
-def _part_of(mesh: _Mesh, matrix: np.ndarray) -> _Part:
+def _part_of(mesh: _OpaqueMesh, matrix: np.ndarray) -> _Part:
     """Return the mesh placed by `matrix` (4, 4)."""
-    if mesh.digest not in _shapes:
-        _drop_first(_shapes, MOST_SHAPES)
-        _shapes[mesh.digest] = shape_of_mesh(mesh.points, mesh.triangles)
-    world = mesh.points @ matrix[:3, :3].T + matrix[:3, 3]
-    return _Part(world, _shapes[mesh.digest], mesh.digest + matrix.tobytes())
+    topology = _topologies.of(mesh.digest, lambda: topology_of(mesh.points, mesh.triangles))
+    return _Part(place(mesh, matrix).points, topology, mesh.digest + matrix.tobytes())
 
 
 def _opaque_mesh(
     evaluated: bpy.types.Object, layers: Sequence[bpy.types.ViewLayer]
-) -> _Mesh | None:
+) -> _OpaqueMesh | None:
     """Return the opaque triangles of an evaluated object; None if it has too many."""
     mesh = evaluated.to_mesh()
     try:
         if count_triangles(mesh) > MOST_TRIANGLES:
             return None
-        points, triangles, _, faces = read_triangles(mesh)
-        slots = np.zeros(len(mesh.polygons), np.int32)
-        mesh.polygons.foreach_get("material_index", slots)
+        read = read_mesh(mesh)
     finally:
         evaluated.to_mesh_clear()
     overrides = [layer.material_override for layer in layers if layer.material_override]
@@ -300,7 +283,7 @@ def _opaque_mesh(
     else:
         materials = [slot.material for slot in evaluated.material_slots]
         is_solid = np.array([hides_in_all_engines(material) for material in materials or [None]])
-    solid = triangles[is_solid[np.clip(slots[faces], 0, len(is_solid) - 1)]]
-    digest = hashlib.blake2b(points.tobytes(), digest_size=16)
+    solid = read.triangles[is_solid[np.clip(read.slots, 0, len(is_solid) - 1)]]
+    digest = hashlib.blake2b(read.points.tobytes(), digest_size=16)
     digest.update(solid.tobytes())
-    return _Mesh(points, solid, digest.digest(), len(triangles) > 0)
+    return _OpaqueMesh(read.points, solid, digest.digest(), len(read.triangles) > 0)

@@ -4,7 +4,8 @@ Caches are never the truth: what is gone is made again. All are cleared before a
 loaded, because their keys may then mean other data-blocks.
 """
 
-from typing import TypeVar
+from collections.abc import Callable, Hashable
+from typing import Any, TypeVar
 
 import bpy
 
@@ -22,6 +23,27 @@ def add_cache(cache: Cache, by_scene: bool = False) -> Cache:
     """
     _caches.append((cache, by_scene))
     return cache
+
+
+class Bounded(dict):
+    """A cache of the `most` latest results, by what they are made of: the oldest makes way."""
+
+    def __init__(self, most: int):
+        super().__init__()
+        self.most = most
+        add_cache(self)
+
+    def __setitem__(self, key: Hashable, result: Any) -> None:
+        self.pop(key, None)
+        while len(self) >= self.most:
+            self.pop(next(iter(self)))
+        super().__setitem__(key, result)
+
+    def of(self, key: Hashable, make: Callable[[], Any]) -> Any:
+        """Return the result for the key, which `make` returns if it is not known."""
+        if key not in self:
+            self[key] = make()
+        return self[key]
 
 
 def tidy() -> None:

@@ -279,8 +279,7 @@ def _makes_instances(item: bpy.types.Object) -> bool:
 
 
 # What was last seen in each view layer that is played, by scene and name.
-_kept: dict[tuple[int, str], Scenery] = scene_cache.add_cache({})
-MOST_KEPT = 8
+_kept = scene_cache.Bounded(8)
 
 
 def scenery_of(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None) -> Scenery:
@@ -298,8 +297,6 @@ def scenery_of(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None) ->
     note_frame(scene, depsgraph)  # what was changed since its last update, too
     key = scene.session_uid, depsgraph.view_layer_eval.name
     if key not in _kept or not _kept[key].holds():
-        while len(_kept) >= MOST_KEPT:
-            _kept.pop(next(iter(_kept)))
         _kept[key] = Scenery(scene, depsgraph)
     return _kept[key]
 

@@ -11,6 +11,7 @@ import numpy as np
 from ...crowd_lod.crowd.bounding_spheres import bounding_sphere
 from ...crowd_lod.crowd.sole import ground_of, sole_of
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.mesh import Mesh, join
 from ...crowd_lod.progress import Work
 from ..blender import mesh_data
 from ..blender.animation import armatures_of
@@ -84,19 +85,16 @@ def sole(actors: Actors, depsgraph: bpy.types.Depsgraph) -> tuple[float, float]:
 
     Nobody stands on what is in a hand, however wide it is.
     """
-    count = 0
-    points = [np.empty((0, 3))]
-    triangles = [np.empty((0, 3), np.int32)]
+    parts = [Mesh(np.empty((0, 3)), np.empty((0, 3), np.int32))]
     lowest = np.inf
     in_hands = {item for item in actors if is_held(item)}
     for item, actor in actors.items():
-        places, sides = mesh_data.world_triangles(actor.evaluated_get(depsgraph))
-        lowest = min(lowest, float(places[:, 2].min(initial=np.inf)))
+        part = mesh_data.world_mesh(actor.evaluated_get(depsgraph))
+        lowest = min(lowest, float(part.points[:, 2].min(initial=np.inf)))
         if item not in in_hands or len(in_hands) == len(actors):
-            points.append(places)
-            triangles.append(sides + count)
-            count += len(places)
-    return sole_of(np.concatenate(points), np.concatenate(triangles)), lowest
+            parts.append(part)
+    whole = join(parts)
+    return sole_of(whole.points, whole.triangles), lowest
 
 
 def is_held(item: bpy.types.Object) -> bool:

@@ -108,19 +108,18 @@ def _carry(
         return _carry_normals(values, result, source, places)
     if domain == "CORNER":
         return _carry_corners(kind, values, source, places)
-    _, triangles, _, faces = source.geometry
     if key.startswith(KEY):
-        return _mix(places.point.weights, values[triangles[places.point.triangle]])
+        return _mix(places.point.weights, values[source.geometry.triangles[places.point.triangle]])
     if domain == "POINT":
         return values[result.source]
     if domain == "FACE":
-        return values[faces[places.center.triangle]]
+        return values[source.geometry.faces[places.center.triangle]]
     return None
 
 
 def _carry_corners(kind: str, values: np.ndarray, source: Source, places: LodPlaces) -> np.ndarray:
     """Values of the LOD's corners from the source's."""
-    corners = source.geometry[2]
+    corners = source.geometry.corners
     inner = places.inner
     if kind == "FLOAT2":
         return _carry_uvs(values[corners], charts_of(source).members, places)
@@ -175,11 +174,13 @@ def _normals_at(place: Place, source: Source, result: LodMesh, normals: np.ndarr
     coat than to the coat, the lining's normals are turned round.
     normals: (loops, 3) of the source's corners.
     """
-    points, triangles, corners, _ = source.geometry
-    values = _mix(place.weights, normals[corners[place.triangle]])
+    rest = source.geometry
+    values = _mix(place.weights, normals[rest.corners[place.triangle]])
     facing = triangle_mesh.normals(*result.points[result.triangles].transpose(1, 2, 0))
     facing = facing.repeat(len(values) // len(result.triangles), axis=1)
-    source_facing = triangle_mesh.normals(*points[triangles[place.triangle]].transpose(1, 2, 0))
+    source_facing = triangle_mesh.normals(
+        *rest.points[rest.triangles[place.triangle]].transpose(1, 2, 0)
+    )
     is_turned = np.einsum("dn,dn->n", facing, source_facing) < 0
     return np.where(is_turned[:, None], -values, values)
 

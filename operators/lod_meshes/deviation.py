@@ -18,7 +18,7 @@ from ..characters.stored_groups import groups_of, store_groups
 from ..machine.scene_world import actions_named
 from ..scene.scene_crowd import characters_of, home_of
 from .pose_choice import choose_poses
-from .posed_shapes import Posed, Shape, read_shapes, surface_of
+from .posed_shapes import Posed, PosedMesh, read_shapes, surface_of
 from .posed_surface import Measured, PosedSurface, Worst, compare_surfaces, parts_of
 from .shaded_pictures import bodies_of, within
 from .surface import merge
@@ -157,7 +157,7 @@ class Measure:
         shapes = yield from read_shapes(objects, [self.frames[k] for k in run], self.performance)
         return (yield from run_in_thread(lambda: self._estimate(run, shapes, beyond)))
 
-    def _estimate(self, run: list[int], shapes: list[Shape], beyond: float) -> Estimate:
+    def _estimate(self, run: list[int], shapes: list[PosedMesh], beyond: float) -> Estimate:
         """Return the estimate of a LOD of these `shapes` in the poses of the run."""
         lod = merge([shape.points for shape in shapes], shapes[0].triangles)
         if lod is None:
@@ -253,7 +253,7 @@ class Measure:
                 self.frames.append(moment)
 
 
-def _diagonals(shapes: Sequence[Shape]) -> list[float]:
+def _diagonals(shapes: Sequence[PosedMesh]) -> list[float]:
     """Return the diagonal of the bounding box in each pose that shows a face, meters."""
     surfaces = [surface for surface in map(surface_of, shapes) if surface]
     return [float(np.linalg.norm(np.ptp(surface.points, axis=0))) for surface in surfaces]

@@ -87,7 +87,7 @@ def make_object(
         return share_object(source)
     if not ratio:
         return _leave_out(item)
-    made = yield from _make_mesh(source, max(ratio, least / max(len(source.geometry[1]), 1)))
+    made = yield from _make_mesh(source, max(ratio, least / max(len(source.geometry.triangles), 1)))
     yield
     copy = copy_object(item) if item.type == "MESH" else _stand_in(item, made.mesh)
     for modifier in list(copy.modifiers):
@@ -114,7 +114,7 @@ def _make_mesh(source: sources.Source, ratio: float) -> Generator[None, None, _M
     steps and returns what was made.
     """
     name = source.item.name
-    triangles = source.geometry[1]
+    triangles = source.geometry.triangles
     wanted = round(ratio * len(triangles))
     if wanted >= len(triangles):
         mesh = source.mesh.copy()
@@ -125,7 +125,7 @@ def _make_mesh(source: sources.Source, ratio: float) -> Generator[None, None, _M
     charts = yield from charting(source)
     telling = yield from run_in_thread(lambda: source.telling)
     about = charts.seams, telling, source.share, source.weight
-    result = yield from run_steps_in_thread(decimating(source.geometry[:2], ratio, name, *about))
+    result = yield from run_steps_in_thread(decimating(source.geometry, ratio, name, *about))
     spent = clock.perf_counter() - start
     yield
     start = clock.perf_counter()

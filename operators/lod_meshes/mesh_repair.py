@@ -18,9 +18,9 @@ def mend(mesh: bpy.types.Mesh, split_sharp: bool) -> None:
     Importers split meshes along UV seams: apart, such borders would gape when decimated.
     split_sharp: whether sewn borders are to look split as before.
     """
-    points, triangles = mesh_data.read_triangles(mesh)[:2]
-    target = _sewn(points, triangles)
-    joined = np.flatnonzero(target != np.arange(len(points)))
+    read = mesh_data.read_mesh(mesh)
+    target = _sewn(read.points, read.triangles)
+    joined = np.flatnonzero(target != np.arange(len(read.points)))
     if not len(joined):
         return drop_loose(mesh)
     with _edited(mesh) as body:
@@ -39,15 +39,16 @@ def drop_flat_parts(mesh: bpy.types.Mesh) -> None:
 
     A LOD would spend triangles on them, and deviate there.
     """
-    points, triangles, _, faces = mesh_data.read_triangles(mesh)
-    part = connected_components(len(points), triangles)[triangles[:, 0]]
-    has_surface = np.isin(part, part[has_area(points[triangles].astype(np.float64))])
+    read = mesh_data.read_mesh(mesh)
+    part = connected_components(len(read.points), read.triangles)[read.triangles[:, 0]]
+    corners = read.points[read.triangles].astype(np.float64)
+    has_surface = np.isin(part, part[has_area(corners)])
     if has_surface.all() or not has_surface.any():
         return
     with _edited(mesh) as body:
         body.faces.ensure_lookup_table()
         bmesh.ops.delete(
-            body, geom=[body.faces[i] for i in np.unique(faces[~has_surface])], context="FACES"
+            body, geom=[body.faces[i] for i in np.unique(read.faces[~has_surface])], context="FACES"
         )
         _delete_loose(body)
 

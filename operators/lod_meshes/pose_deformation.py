@@ -37,7 +37,7 @@ def skin_of(source: Source, frames: Sequence[float]) -> Iterator[None]:
         or any(m.type in FOLLOWED for m in item.modifiers)
     ):
         return
-    rest = source.geometry[0].astype(np.float64)
+    rest = source.geometry.points.astype(np.float64)
     step = APART * (float(np.ptp(rest, axis=0).max()) or 1.0)
     axes = np.zeros((1, 3)) if source.keys else np.concatenate([np.zeros((1, 3)), np.eye(3)])
     stage = new_stage("skin")
@@ -61,7 +61,7 @@ def skin_of(source: Source, frames: Sequence[float]) -> Iterator[None]:
     place, *moved = np.moveaxis(np.array(places), 1, 0)
     if source.keys:
         place = np.concatenate([place, rest + _unmoved(source, np.array(values))])
-        source.skin = Skin(rest, place, frames_of(rest, place, source.geometry[1]))
+        source.skin = Skin(rest, place, frames_of(rest, place, source.geometry.triangles))
     else:
         source.skin = Skin(rest, place, np.stack([(at - place) / step for at in moved], axis=-1))
 
@@ -80,7 +80,7 @@ def _unmoved(source: Source, values: np.ndarray) -> np.ndarray:
     strongest = sorted(offsets, key=lambda offset: -float((offset**2).sum()))[
         : settings.CURRENT.poses
     ]
-    return np.array(strongest).reshape(-1, *source.geometry[0].shape)
+    return np.array(strongest).reshape(-1, *source.geometry.points.shape)
 
 
 def _twin(source: Source, points: np.ndarray, new_blocks: list[bpy.types.ID]) -> bpy.types.Object:

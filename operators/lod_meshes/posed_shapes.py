@@ -1,11 +1,12 @@
 """The shapes of a character and its LODs, as they are rendered, in the poses of an action."""
 
 from collections.abc import Generator, Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import bpy
 import numpy as np
 
+from ...crowd_lod.mesh import Mesh, join
 from ...crowd_lod.progress import Work
 from ..blender import mesh_data
 from ..blender.materials import is_opaque
@@ -15,18 +16,15 @@ from ..blender.render_evaluation import as_rendered
 from .surface import Surface, has_area
 
 
-class Shape(NamedTuple):
-    """All objects of a character or a LOD together, in one pose, world space.
+@dataclass(frozen=True, eq=False)
+class PosedMesh(Mesh):
+    """All objects of a character or a LOD together, in one pose, world space, float64 meters.
 
-    points: (n, 3) float64 meters.
-    triangles: (m, 3) indices.
     hiding: (m,) bool, those that hide what is behind them.
     begins: (objects + 1,) where the points of each object begin, and how many there are.
     matrices: of the objects, (4, 4) each, from its space to world space.
     """
 
-    points: np.ndarray
-    triangles: np.ndarray
     hiding: np.ndarray
     begins: np.ndarray
     matrices: list[np.ndarray]
@@ -61,8 +59,8 @@ class Posed:
         character, *levels = map(surface_of, self.shapes(frame))
         return character, levels
 
-    def shapes(self, frame: float) -> list[Shape]:
-        """Return the Shape of the character, then of each LOD, at `frame`, world space."""
+    def shapes(self, frame: float) -> list[PosedMesh]:
+        """Return the PosedMesh of the character, then of each LOD, at `frame`, world space."""
         self.performance.go_to(self.stage, frame)
         depsgraph = self.stage.view_layers[0].depsgraph
         return [_shape(each, depsgraph) for each in (self.character, *self.levels)]
@@ -86,25 +84,23 @@ class Posed:
         self._staged.__exit__(*error)
 
 
-def _shape(objects: list[bpy.types.Object], depsgraph: bpy.types.Depsgraph) -> Shape:
-    points = [np.empty((0, 3))]
-    triangles = [np.empty((0, 3), np.int32)]
+def _shape(objects: list[bpy.types.Object], depsgraph: bpy.types.Depsgraph) -> PosedMesh:
+    parts = [Mesh(np.empty((0, 3)), np.empty((0, 3), np.int32))]
     hiding = [np.empty(0, bool)]
-    begins = [0]
     matrices = []
     for item in objects:
         evaluated = item.evaluated_get(depsgraph)
-        corners, faces, slots = mesh_data.world_faces(evaluated)
+        part = mesh_data.world_mesh(evaluated)
         opaque = np.array(_hiding_slots(item, evaluated))
-        points.append(corners)
-        triangles.append(faces + begins[-1])
-        hiding.append(opaque[slots.clip(0, len(opaque) - 1)])
-        begins.append(begins[-1] + len(corners))
+        parts.append(part)
+        hiding.append(opaque[part.slots.clip(0, len(opaque) - 1)])
         matrices.append(np.array(evaluated.matrix_world, np.float64))
-    return Shape(*map(np.concatenate, (points, triangles, hiding)), np.array(begins), matrices)
+    whole = join(parts)
+    begins = np.cumsum([len(part.points) for part in parts])
+    return PosedMesh(whole.points, whole.triangles, np.concatenate(hiding), begins, matrices)
 
 
-def surface_of(shape: Shape) -> Surface | None:
+def surface_of(shape: PosedMesh) -> Surface | None:
     """Return the Surface without loose vertices and faces without area, or None."""
     shown = shape.triangles[has_area(shape.points[shape.triangles])]
     used, triangles = np.unique(shown, return_inverse=True)
@@ -113,8 +109,8 @@ def surface_of(shape: Shape) -> Surface | None:
 
 def read_shapes(
     objects: Sequence[bpy.types.Object], frames: Sequence[float], performance: Performance
-) -> Generator[float, None, list[Shape]]:
-    """Return the Shape of `objects` at each of `frames`, moments of the performance.
+) -> Generator[float, None, list[PosedMesh]]:
+    """Return the PosedMesh of `objects` at each of `frames`, moments of the performance.
 
     Yields the progress.
     """

@@ -11,7 +11,7 @@ from ...crowd_lod.simplification.distance_estimate import Places, places_on, upp
 from ...crowd_lod.simplification.hausdorff import Interval, bound_distance
 from ...crowd_lod.simplification.moving_surface import MovingSurface
 from .pose_choice import farthest_apart
-from .posed_shapes import Shape, surface_of
+from .posed_shapes import PosedMesh, surface_of
 from .surface import Merged, Surface, has_area, merge, same_faces, spread
 from .visible_surface import visible_faces, visible_points
 
@@ -38,7 +38,7 @@ class PosedSurface:
     source: the character, if this is a LOD.
     """
 
-    def __init__(self, shapes: Sequence[Shape], source: "PosedSurface | None" = None):
+    def __init__(self, shapes: Sequence[PosedMesh], source: "PosedSurface | None" = None):
         self.shapes = shapes
         self.runs = []
         self.source = source
@@ -80,7 +80,7 @@ class PosedSurface:
         seen = visible_points(moving.points, moving.triangles, first.hiding[whole.with_area])
         return (whole.place >= 0) & seen[whole.place]
 
-    def add(self, shape: Shape) -> bool:
+    def add(self, shape: PosedMesh) -> bool:
         """Add a pose, if there is one run and the faces in it are the same; return whether so."""
         first = self.shapes[self.runs[0][0]]
         alike = len(self.runs) == 1 and len(shape.points) == len(first.points)
@@ -126,7 +126,7 @@ class PosedSurface:
         return self._samples[pose]
 
 
-def parts_of(surface: Merged, shape: Shape) -> list[Places]:
+def parts_of(surface: Merged, shape: PosedMesh) -> list[Places]:
     """Return what estimates look at of each object: corners and large faces that count."""
     faces = surface.moving.pieces
     large = large_pieces(surface.moving)
@@ -190,7 +190,7 @@ def _count_shown(
     """Let faces of a LOD count that are seen although the character's nearest surface is hidden.
 
     Only faces are looked at that are farther off than the distance known so far. surface, hiding:
-    the LOD's, see Shape; apart: that distance, which is updated.
+    the LOD's, see PosedMesh; apart: that distance, which is updated.
     """
     lod = surface.moving
     left = np.flatnonzero(~lod.counted)

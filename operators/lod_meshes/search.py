@@ -101,7 +101,7 @@ class Curve:
     @property
     def count(self) -> int:
         """How many triangles the source has."""
-        return len(self.source.geometry[1]) if self.source.mesh else 0
+        return len(self.source.geometry.triangles) if self.source.mesh else 0
 
     def ratio_for(self, length: float) -> float:
         """Return the part of the triangles with which a LOD deviates by `length` meters.
@@ -141,9 +141,9 @@ class Curve:
         last = self.tries[-1]
         if not last.reachable <= length < last.deviation or self.weighed:
             return 0.0
-        triangles = self.source.geometry[1]
+        triangles = self.source.geometry.triangles
         weight = self.source.weight
-        weight = np.ones(len(self.source.geometry[0])) if weight is None else weight.copy()
+        weight = np.ones(len(self.source.geometry.points)) if weight is None else weight.copy()
         spots = last.away > length
         weight[np.unique(triangles[spots[triangles].any(axis=1)])] *= HEAVIER
         self.source.weight = weight
@@ -395,7 +395,7 @@ class Search:
             return
         if curve.evaluated is None:
             source = curve.source
-            points = source.skin.place[0] if source.skin else source.geometry[0]
+            points = source.skin.place[0] if source.skin else source.geometry.points
             curve.evaluated = yield from run_in_thread(partial(self.by.vertices_at, number, points))
         attempt.away = estimate.away[number][curve.evaluated]
 

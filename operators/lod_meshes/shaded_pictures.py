@@ -6,11 +6,12 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.culling.camera import Camera
+from ...crowd_lod.mesh import join, place
 from ...crowd_lod.validation.shaded_pictures import (
     HALVINGS,
     LARGEST,
     WITHIN,
-    Body,
+    ShadedMesh,
     from_afar,
     likeness,
     lit,
@@ -26,31 +27,28 @@ MOST_TALL = 300  # pixels of a body's size
 
 def body_of(
     mesh: bpy.types.Mesh, materials: Sequence, matrix: np.ndarray, appearance: Looks
-) -> Body:
-    """Return the Body of `mesh` with `materials`, transformed by `matrix`.
+) -> ShadedMesh:
+    """Return the `mesh`, to be drawn, with `materials`, transformed by `matrix`.
 
-    matrix: (4, 4), from the mesh's space to the Body's.
+    matrix: (4, 4), from the mesh's space to that of the result.
     appearance: collects the images of the materials.
     """
-    points, triangles, corners, faces = mesh_data.read_triangles(mesh)
+    read = mesh_data.read_mesh(mesh)
     normals = np.empty((len(mesh.loops), 3), np.float32)
-    slots = np.empty(len(mesh.polygons), np.int32)
     mesh.corner_normals.foreach_get("vector", normals.ravel())
     uvs = np.zeros((len(mesh.loops), 2), np.float32)
     layer = next((layer for layer in mesh.uv_layers if layer.active_render), None)
     if layer is not None:
         layer.uv.foreach_get("vector", uvs.ravel())
-    mesh.polygons.foreach_get("material_index", slots)
     table = np.array([appearance.of(material) for material in (*materials, None)])
-    colors = table[np.minimum(slots, max(len(materials) - 1, 0))[faces]]
-    normals = normals[corners].astype(np.float64) @ np.linalg.pinv(matrix[:3, :3])
+    colors = table[np.minimum(read.slots, max(len(materials) - 1, 0))]
+    normals = normals[read.corners].astype(np.float64) @ np.linalg.pinv(matrix[:3, :3])
     normals /= np.linalg.norm(normals, axis=2, keepdims=True).clip(1e-12)
-    placed = points @ matrix[:3, :3].T + matrix[:3, 3]
-    return Body(
-        placed,
-        triangles,
+    return ShadedMesh(
+        place(read, matrix).points,
+        read.triangles,
         normals,
-        uvs[corners].astype(np.float64),
+        uvs[read.corners].astype(np.float64),
         colors[:, :3],
         colors[:, 3].astype(np.intp),
     )
@@ -58,8 +56,8 @@ def body_of(
 
 def bodies_of(
     objects: Sequence[bpy.types.Object], depsgraph: bpy.types.Depsgraph, appearance: Looks
-) -> Body | None:
-    """Return one Body of all `objects` as `depsgraph` has evaluated them, or None.
+) -> ShadedMesh | None:
+    """Return one ShadedMesh of all `objects` as `depsgraph` has evaluated them, or None.
 
     It is in world space. None if no object has a face.
     """
@@ -80,17 +78,7 @@ def bodies_of(
                 )
         finally:
             evaluated.to_mesh_clear()
-    if not bodies:
-        return None
-    shift = np.cumsum([0, *(len(body.points) for body in bodies[:-1])])
-    names = ("points", "normals", "uvs", "colors", "image")
-    every = {name: np.concatenate([getattr(body, name) for body in bodies]) for name in names}
-    return Body(
-        triangles=np.concatenate(
-            [body.triangles + k for body, k in zip(bodies, shift, strict=True)]
-        ),
-        **every,
-    )
+    return join(bodies) if bodies else None
 
 
 def side(azimuth: float) -> np.ndarray:
@@ -102,7 +90,7 @@ def side(azimuth: float) -> np.ndarray:
     return np.stack([np.array([-towards[1], towards[0], 0.0]), (0.0, 0.0, 1.0), towards])
 
 
-def within(first: Body, second: Body, images: np.ndarray, diagonal: float) -> float:
+def within(first: ShadedMesh, second: ShadedMesh, images: np.ndarray, diagonal: float) -> float:
     """Return the size of a pixel, in meters, from which on two bodies look alike.
 
     Pictures look alike if their mean difference over all sides is at most WITHIN. From this size on
@@ -124,8 +112,8 @@ def within(first: Body, second: Body, images: np.ndarray, diagonal: float) -> fl
 
 
 def alike(
-    first: Body,
-    second: Body,
+    first: ShadedMesh,
+    second: ShadedMesh,
     images: np.ndarray,
     center: np.ndarray,
     distance: float,

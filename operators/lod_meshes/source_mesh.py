@@ -71,14 +71,13 @@ class Source:
     weight: np.ndarray | None = None
 
     @cached_property
-    def geometry(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return (points, triangles, corners, faces) as mesh_data.read_triangles does."""
-        return mesh_data.read_triangles(self.mesh)
+    def geometry(self) -> mesh_data.ReadMesh:
+        return mesh_data.read_mesh(self.mesh)
 
     @cached_property
     def telling(self) -> Skin | None:
         """Return the skin in the most distinct poses, or None if nothing bends the mesh."""
-        return self.skin and self.skin.telling(self.geometry[1])
+        return self.skin and self.skin.telling(self.geometry.triangles)
 
     def offset(self, key: int) -> np.ndarray:
         """Return vertex offsets of shape key number `key` at value 1: (n, 3) float32."""
@@ -372,16 +371,16 @@ def digest(mesh: bpy.types.Mesh, weights: Weights, *more) -> str:
 
     weights: of the mesh, as `read_weights` gives them.
     """
-    points, triangles, _, faces = mesh_data.read_triangles(mesh)
+    read = mesh_data.read_mesh(mesh)
     attributes = read_attributes(mesh)
     names = [material and material.name_full for material in mesh.materials]
     hashed = hashlib.sha256(
         repr((names, more, [(n, *a[:2]) for n, a in attributes.items()])).encode()
     )
     for array in (
-        points,
-        triangles,
-        faces,
+        read.points,
+        read.triangles,
+        read.faces,
         *weights,
         *(values for _, _, values in attributes.values()),
     ):

@@ -8,6 +8,7 @@ import numpy as np
 from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 
+from ...crowd_lod.mesh import Mesh
 from ...crowd_lod.simplification.moving_surface import MovingSurface
 from ...crowd_lod.simplification.triangle_mesh import ranges
 
@@ -25,11 +26,8 @@ LAYERS = 8  # of clothes about a body that a way through a surface passes, at mo
 FLAT = 1e-6  # a triangle lower than this part of its longest side shows nothing
 
 
-class Surface:
-    """A triangle surface with queries for nearest points.
-
-    points: (n, 3) meters, kept as float64.
-    triangles: (m, 3) indices.
+class Surface(Mesh):
+    """A triangle surface with queries for nearest points, which are float64 meters.
 
     Blender's BVH tree stores float32. To lose little precision it is built relative to the middle
     of the points. It cannot find the way to very thin triangles, so it also holds lines along
@@ -37,9 +35,12 @@ class Surface:
     """
 
     def __init__(self, points: np.ndarray, triangles: np.ndarray):
-        self.points = np.asarray(points, np.float64)
-        self.triangles = np.asarray(triangles)
-        self.middle = (self.points.min(axis=0) + self.points.max(axis=0)) / 2
+        super().__init__(np.asarray(points, np.float64), np.asarray(triangles))
+
+    @cached_property
+    def middle(self) -> np.ndarray:
+        """Return the middle (3,) of the box about the points, meters."""
+        return (self.points.min(axis=0) + self.points.max(axis=0)) / 2
 
     @cached_property
     def lines(self) -> tuple[np.ndarray, np.ndarray]:

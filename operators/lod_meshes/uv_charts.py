@@ -50,17 +50,17 @@ def charting(source: Source) -> Generator[float, None, Charts]:
     Triangles that share a vertex with the same UVs, in all UV maps, are of one chart.
     """
     if source.charts is None:
-        _, triangles, corners, faces = source.geometry
+        read = source.geometry
         maps = []
         for layer in source.mesh.uv_layers:
             uvs = np.empty((len(source.mesh.loops), 2), np.float32)
             layer.uv.foreach_get("vector", uvs.ravel())
-            maps.append(uvs[corners])
+            maps.append(uvs[read.corners])
         shading = np.empty((2, len(source.mesh.polygons)), np.int32)
         source.mesh.polygons.foreach_get("material_index", shading[0])
         source.mesh.polygons.foreach_get("use_smooth", shading[1])
         source.charts = yield from run_in_thread(
-            lambda: _charts(triangles, maps, shading[:, faces])
+            lambda: _charts(read.triangles, maps, shading[:, read.faces])
         )
     return source.charts
 
@@ -135,7 +135,8 @@ def locate(
     and distances (n,).
     """
     charts = charts_of(source)
-    at_points, triangles = source.geometry[:2]
+    at_points = source.geometry.points
+    triangles = source.geometry.triangles
     triangle = np.empty(len(points), np.intp)
     distance = np.empty(len(points))
     inside = np.empty((len(points), 3))

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .posed_shapes import Shape
+from .posed_shapes import PosedMesh
 from .posed_surface import PosedSurface
 from .surface import Surface, merge
 
@@ -23,7 +23,7 @@ class InPose:
     worst: np.ndarray
 
 
-def look_in_pose(whole: PosedSurface, character: Shape, level: Shape) -> InPose | None:
+def look_in_pose(whole: PosedSurface, character: PosedMesh, level: PosedMesh) -> InPose | None:
     """Compare a LOD with its character in one pose; None where one has no face.
 
     whole: the character in some pose, whose visible surface is known.

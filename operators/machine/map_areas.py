@@ -116,13 +116,14 @@ def triangles_in(
 ) -> Iterator[np.ndarray]:
     """Yield the triangles (n, 3, 2) of each shape of the objects, world x and y."""
     farthest = FARTHEST / scene_data.meters(depsgraph.scene)
-    for _, mesh, points, triangles in kept_meshes.evaluated_triangles(items, depsgraph):
+    for _, mesh, read in kept_meshes.evaluated_meshes(items, depsgraph):
+        triangles = read.triangles
         if not len(triangles):  # a curve or a chain of edges is a wall, too
             edges = np.empty((len(mesh.edges), 2), np.int32)
             mesh.edges.foreach_get("vertices", edges.ravel())
             triangles = edges[:, [0, 1, 0]]
         if len(triangles):
-            yield points[:, :2].clip(-farthest, farthest)[triangles]
+            yield read.points[:, :2].clip(-farthest, farthest)[triangles]
 
 
 @handler

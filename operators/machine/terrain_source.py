@@ -8,14 +8,14 @@ import numpy as np
 from ...crowd_lod.crowd.maps import FARTHEST
 from ...crowd_lod.crowd.terrain import Terrain, upward
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.mesh import Mesh, join
 from ...crowd_lod.messages import Kind, Message
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import kept_meshes, mesh_data, scene_cache, scene_data
 from ..blender.ownership import OWNED
 
 # By the session_uid of the stored mesh, the height where there is no ground, and meters per unit.
-_terrains: dict[tuple[int, float, float], Terrain] = scene_cache.add_cache({})
-MOST_TERRAINS = 4
+_terrains = scene_cache.Bounded(4)
 
 
 def objects_of(crowd) -> list[bpy.types.Object]:
@@ -47,23 +47,19 @@ def read_terrain(crowd, depsgraph: bpy.types.Depsgraph) -> None:
         crowd.terrain_mesh = None
         return
     objects = objects_of(crowd)
-    points = []
-    triangles = []
-    count = 0
     meters = scene_data.meters(crowd.id_data)
-    for _, _, vertices, sides in kept_meshes.evaluated_triangles(objects, depsgraph):
-        sides = sides[upward(vertices[sides], meters)]
-        points.append(vertices)
-        triangles.append(sides + count)
-        count += len(vertices)
-    corners = np.concatenate(triangles) if triangles else np.empty((0, 3), np.int32)
-    if not len(corners):
+    sides = [Mesh(np.empty((0, 3)), np.empty((0, 3), np.int32))]
+    for _, _, read in kept_meshes.evaluated_meshes(objects, depsgraph):
+        faces = read.triangles[upward(read.points[read.triangles], meters)]
+        sides.append(Mesh(read.points, faces))
+    ground = join(sides)
+    if not len(ground.triangles):
         raise CrowdError(
             f"The terrain {_name(crowd)} has no face that one can stand on: choose one with faces "
             f"that are not upright."
         )
-    used, corners = np.unique(corners, return_inverse=True)
-    places = np.concatenate(points)[used]
+    used, corners = np.unique(ground.triangles, return_inverse=True)
+    places = ground.points[used]
     if np.abs(places).max() * meters > FARTHEST:
         raise CrowdError(
             f"The terrain {_name(crowd)} reaches beyond {FARTHEST:,.0f} m from the world's "
@@ -85,17 +81,15 @@ def terrain_of(crowd, z: float) -> Terrain | None:
     if mesh is None:
         raise CrowdError(_unread(crowd))
     meters = scene_data.meters(crowd.id_data)
-    key = mesh.session_uid, z, meters
-    if key not in _terrains:
+
+    def read() -> Terrain:
         points = np.empty((len(mesh.vertices), 3), np.float32)
         mesh.vertices.foreach_get("co", points.ravel())
         triangles = np.empty(len(mesh.loops), np.int32)
         mesh.loops.foreach_get("vertex_index", triangles)
-        terrain = Terrain(points[triangles].astype(np.float64).reshape(-1, 3, 3), z, meters)
-        while len(_terrains) >= MOST_TERRAINS:
-            _terrains.pop(next(iter(_terrains)))
-        _terrains[key] = terrain
-    return _terrains[key]
+        return Terrain(points[triangles].astype(np.float64).reshape(-1, 3, 3), z, meters)
+
+    return _terrains.of((mesh.session_uid, z, meters), read)
 
 
 def terrain_digest(crowd) -> str:

@@ -315,8 +315,10 @@ def _reading(bench: _Bench, number: int, appearance: Looks) -> Generator[None, N
     surface is closed).
     """
     with bench.mesh_at_rest(number) as (evaluated, mesh):
-        points, triangles, corners, faces = mesh_data.read_triangles(mesh)
-        solid = closed(points, triangles)
+        rest = mesh_data.read_mesh(mesh)
+        triangles = rest.triangles
+        corners = rest.corners
+        solid = closed(rest.points, triangles)
         if evaluated.matrix_world.is_negative:  # mirrored: keep the front in front
             triangles = triangles[:, ::-1]
             corners = corners[:, ::-1]
@@ -327,13 +329,11 @@ def _reading(bench: _Bench, number: int, appearance: Looks) -> Generator[None, N
         if mesh.uv_layers:
             layer = next((each for each in mesh.uv_layers if each.active_render), mesh.uv_layers[0])
             layer.uv.foreach_get("vector", uvs.ravel())
-        slots = np.zeros(len(mesh.polygons), np.int32)
-        mesh.polygons.foreach_get("material_index", slots)
         item = bench.parts[number].item
         materials = [slot.material for slot in item.material_slots] or [None]
         table = np.array([appearance.of(material) for material in materials], np.float32)
     yield
-    look = table[slots[faces].clip(0, len(materials) - 1)].repeat(3, axis=0)
+    look = table[rest.slots.clip(0, len(materials) - 1)].repeat(3, axis=0)
     loop = corners.ravel()
     # Only corners with an image keep their uv: others would split vertices for nothing.
     uvs = np.where(look[:, 3:] < 0, np.float32(0), uvs[loop])
@@ -343,9 +343,9 @@ def _reading(bench: _Bench, number: int, appearance: Looks) -> Generator[None, N
         rows.view(f"V{rows.shape[1] * 4}").ravel(), return_index=True, return_inverse=True
     )
     yield
-    weights = yield from _reading_weights(bench, number, len(points))
+    weights = yield from _reading_weights(bench, number, len(rest.points))
     return (
-        points,
+        rest.points,
         weights,
         triangles.ravel()[distinct],
         normals[loop][distinct],
@@ -392,16 +392,16 @@ def _piece(part: _Part, joints: _Joints, read: tuple) -> tuple[SkinnedMesh, Skin
         )
     followed = np.where(strengths > 0, numbers[columns], 0).astype(np.uint16)
     nothing = np.empty((0, 3), np.float32)
-    source = SkinnedMesh(points, nothing, followed, strengths, nothing, nothing, nothing, nothing)
+    source = SkinnedMesh(points, nothing, nothing, followed, strengths, nothing, nothing, nothing)
     corners = SkinnedMesh(
         points[vertices],
+        triangles.astype(np.uint32),
         normals,
         followed[vertices],
         strengths[vertices],
         uvs,
         np.ascontiguousarray(look[:, :3]),
         np.ascontiguousarray(look[:, 3]),
-        triangles.astype(np.uint32),
         solid,
     )
     return source, corners

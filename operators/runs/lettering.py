@@ -31,10 +31,10 @@ def _outlines(words: str, tall: float) -> tuple[np.ndarray, np.ndarray]:
     item = bpy.data.objects.new(curve.name, curve)
     mesh = bpy.data.meshes.new_from_object(item)
     try:
-        points, triangles, _, _ = mesh_data.read_triangles(mesh)
+        read = mesh_data.read_mesh(mesh)
     finally:
         removal.remove([item, curve, mesh])
-    return points[:, :2].astype(np.float64), triangles
+    return read.points[:, :2].astype(np.float64), read.triangles
 
 
 def _length(words: str) -> float:

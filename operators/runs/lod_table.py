@@ -24,7 +24,7 @@ from ..lod_meshes.deviation import meshes_of
 from ..lod_meshes.level_objects import GIVEN
 from ..lod_meshes.posed_shapes import Posed
 from ..lod_meshes.posed_surface import PosedSurface
-from ..lod_meshes.shaded_pictures import Body, alike, bodies_of
+from ..lod_meshes.shaded_pictures import ShadedMesh, alike, bodies_of
 from ..lod_meshes.worst_place import InPose, look_in_pose
 from ..scene.scene_crowd import SceneCrowd
 from . import lod_picture
@@ -180,7 +180,7 @@ class _Pictured:
             facts |= {"picture_difference": difference, "picture_similarity": similarity}
         return facts
 
-    def _bodies(self, posed: Posed, k: int, materials: Looks) -> list[Body | None]:
+    def _bodies(self, posed: Posed, k: int, materials: Looks) -> list[ShadedMesh | None]:
         """Return the bodies of the character and of LOD `k` in their pose, as the largest agent has
         them.
         """

@@ -35,7 +35,7 @@ class Around:
 
 
 @dataclass
-class Shape:
+class PlacedMesh:
     """A mesh as it stands in the world, evaluated.
 
     matrix: to the world; box: its corners in the world, (8, 3).
@@ -95,7 +95,7 @@ def look_around(
 
 def shapes_near(
     depsgraph: bpy.types.Depsgraph, places: np.ndarray, left_out: Container[bpy.types.Object]
-) -> Iterator[Shape]:
+) -> Iterator[PlacedMesh]:
     """Yield the meshes that stand above or below one of the places; each holds until the next."""
     least = places[:, :2].min(axis=0)
     most = places[:, :2].max(axis=0)
@@ -128,7 +128,7 @@ def shapes_near(
         key = item.data.as_pointer()
         if key not in solids:
             solids[key] = _is_closed(item.data)
-        yield Shape(item, owner, item.original.name, matrix, box, solids[key])
+        yield PlacedMesh(item, owner, item.original.name, matrix, box, solids[key])
 
 
 def _is_closed(mesh: bpy.types.Mesh) -> bool:
@@ -138,7 +138,7 @@ def _is_closed(mesh: bpy.types.Mesh) -> bool:
     return len(edges) > 0 and bool((np.bincount(edges, minlength=len(mesh.edges)) == 2).all())
 
 
-def _hits(shape: Shape, start: Vector, way: Vector) -> Iterator[tuple[Vector, Vector]]:
+def _hits(shape: PlacedMesh, start: Vector, way: Vector) -> Iterator[tuple[Vector, Vector]]:
     """Yield (place, normal) of each surface of a mesh along a ray, all in its own space."""
     onward = way.normalized() * (
         ONWARD * max(max(map(abs, corner)) for corner in shape.item.bound_box)
@@ -152,7 +152,7 @@ def _hits(shape: Shape, start: Vector, way: Vector) -> Iterator[tuple[Vector, Ve
 
 
 def _ground(
-    shape: Shape, place: tuple[float, float, float], side: int, room: float = np.inf
+    shape: PlacedMesh, place: tuple[float, float, float], side: int, room: float = np.inf
 ) -> float | None:
     """Return the world z of the first ground above (`side` 1) or below (-1) a place, or None.
 
@@ -174,7 +174,7 @@ def _ground(
     return None
 
 
-def _inside(shape: Shape, places: np.ndarray, under: np.ndarray) -> np.ndarray:
+def _inside(shape: PlacedMesh, places: np.ndarray, under: np.ndarray) -> np.ndarray:
     """Return which of the places (n, 3) lie within a closed mesh, (n,) bool.
 
     under: (n,) bool, the places to look at; all others count as outside.

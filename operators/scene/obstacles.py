@@ -10,7 +10,7 @@ from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_data
 from ..machine.map_areas import meshes_in
 from ..machine.scene_world import area_of
-from .looking_around import Shape, shapes_near
+from .looking_around import PlacedMesh, shapes_near
 
 # meters above the ground: agents walk into what reaches into these heights
 BODY = (0.4, 1.5)
@@ -65,7 +65,7 @@ def find_obstacles(
     return sorted(obstacles, key=lambda item: item.name)
 
 
-def _reaches(shape: Shape, body: np.ndarray) -> bool:
+def _reaches(shape: PlacedMesh, body: np.ndarray) -> bool:
     """Return whether an edge of the shape lies between the heights `body`, world z, or spans them.
 
     A roof or a bridge above them is in nobody's way.

@@ -29,8 +29,7 @@ from . import hand_edits, start_source, tracks_source
 from .points_source import points_of_crowd
 
 # Trajectories by the digest of all they depend on.
-_trajectories: dict[bytes, Trajectory] = scene_cache.add_cache({})
-MOST_TRAJECTORIES = 8
+_trajectories = scene_cache.Bounded(8)
 # By scene and crowd, of the last call: (numbers and texts, the images' values, the trajectory).
 _latest: dict[int, dict[int, tuple]] = scene_cache.add_cache({}, by_scene=True)
 # By scene: the crowds that were combined last, and the trajectory of all.
@@ -344,13 +343,7 @@ def _start(crowd, machine: StateMachine, world: LabelMap, groups: Draw) -> tuple
 
 def _cached(data: bytes, make: Callable[[], Trajectory]) -> Trajectory:
     """Return the cached trajectory for the inputs `data`, or the result of `make`."""
-    digest = hashlib.sha256(data).digest()
-    if digest not in _trajectories:
-        trajectory = make()
-        while len(_trajectories) >= MOST_TRAJECTORIES:
-            _trajectories.pop(next(iter(_trajectories)))
-        _trajectories[digest] = trajectory
-    return _trajectories[digest]
+    return _trajectories.of(hashlib.sha256(data).digest(), make)
 
 
 def draw_of(crowd, groups: Sequence[Group]) -> Draw:

@@ -124,8 +124,8 @@ def _obstacles(crowd, meters: float) -> np.ndarray:
     cuts = [np.empty((0, 2, 2))]
     for item in crowd.obstacles.all_objects:
         if item.type == "MESH":
-            points, triangles = mesh_data.world_triangles(item.evaluated_get(depsgraph))
-            cuts.append(section(points, triangles, crowd.center[2] + KNEE / meters))
+            mesh = mesh_data.world_mesh(item.evaluated_get(depsgraph))
+            cuts.append(section(mesh.points, mesh.triangles, crowd.center[2] + KNEE / meters))
     return np.concatenate(cuts) * meters
 
 

@@ -22,8 +22,7 @@ from ..blender import (
 from ..blender.object_boxes import in_box
 
 # By the session_uid of the kept mesh.
-_places: dict[int, Places] = scene_cache.add_cache({})
-MOST_PLACES = 8
+_places = scene_cache.Bounded(8)
 HEADING = "heading"  # attribute of the kept mesh, and of the user's points
 LIVE = "RECTANGLE", "GRID"  # these follow from the settings alone
 
@@ -72,15 +71,15 @@ def places_of(crowd, area: Area) -> Places | None:
     mesh = crowd.start_places
     if mesh is None or HEADING not in mesh.attributes:
         raise CrowdError(_undrawn(crowd))
-    if mesh.session_uid not in _places:
-        points = np.empty((len(mesh.vertices), 3), np.float32)
-        heading = np.empty(len(mesh.vertices), np.float32)
-        mesh.vertices.foreach_get("co", points.ravel())
-        mesh.attributes[HEADING].data.foreach_get("value", heading)
-        while len(_places) >= MOST_PLACES:
-            _places.pop(next(iter(_places)))
-        _places[mesh.session_uid] = Places(points.astype(np.float64), heading)
-    return _places[mesh.session_uid]
+    return _places.of(mesh.session_uid, lambda: _kept_places(mesh))
+
+
+def _kept_places(mesh: bpy.types.Mesh) -> Places:
+    points = np.empty((len(mesh.vertices), 3), np.float32)
+    heading = np.empty(len(mesh.vertices), np.float32)
+    mesh.vertices.foreach_get("co", points.ravel())
+    mesh.attributes[HEADING].data.foreach_get("value", heading)
+    return Places(points.astype(np.float64), heading)
 
 
 def spacing_of(crowd) -> Spacing:
@@ -116,15 +115,18 @@ def _on_surface(crowd, item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -
     corners = [np.empty((0, 3, 3))]
     weights = [np.empty((0, 3))]
     maps = [np.empty((0, 3, 2))]
-    for owner, mesh, points, triangles in kept_meshes.evaluated_triangles([item], depsgraph):
-        corners.append(points[triangles])
+    for owner, mesh, read in kept_meshes.evaluated_meshes([item], depsgraph):
+        triangles = read.triangles
+        corners.append(read.points[triangles])
         weights.append(
             _painted(owner, mesh, crowd.density_group)[triangles]
             if crowd.density_group
             else np.ones(triangles.shape)
         )
         maps.append(
-            _uvs(mesh) if crowd.density_image is not None else np.zeros((len(triangles), 3, 2))
+            _uvs(mesh)[read.corners].astype(np.float64)
+            if crowd.density_image is not None
+            else np.zeros((len(triangles), 3, 2))
         )
     factors = []
     if crowd.density_image is not None:
@@ -164,7 +166,7 @@ def _painted(owner: bpy.types.Object, mesh: bpy.types.Mesh, name: str) -> np.nda
 
 
 def _uvs(mesh: bpy.types.Mesh) -> np.ndarray:
-    """Return the place in the image of each triangle's corners, (m, 3, 2) float64.
+    """Return the place in the image of each of the mesh's corners, (loops, 2) float32.
 
     CrowdError if the mesh has no UV map.
     """
@@ -173,10 +175,8 @@ def _uvs(mesh: bpy.types.Mesh) -> np.ndarray:
             "it has no UV map, by which an image gives its density: unwrap it, or clear Image."
         )
     uvs = np.empty((len(mesh.loops), 2), np.float32)
-    corners = np.empty((len(mesh.loop_triangles), 3), np.int32)
     mesh.uv_layers.active.uv.foreach_get("vector", uvs.ravel())
-    mesh.loop_triangles.foreach_get("loops", corners.ravel())
-    return uvs[corners].astype(np.float64)
+    return uvs
 
 
 def _looked_up(

@@ -14,11 +14,10 @@ from ..blender import scene_cache, scene_data
 from ..blender.output_folders import full_path
 
 UNITS = {"AUTO": "", "M": "m", "CM": "cm", "MM": "mm", "FT": "ft"}
-MOST_FILES = 4  # in the cache
 # By path, time of change and size: the digest of the file's content.
 _contents: dict[tuple, bytes] = scene_cache.add_cache({})
 # By digest and options of reading: the tracks.
-_files: dict[tuple, Tracks] = scene_cache.add_cache({})
+_files = scene_cache.Bounded(4)
 
 
 def tracks_path(crowd) -> Path:
@@ -135,18 +134,12 @@ def _read_tracks(stamp: tuple, options: tuple, progress: list[float]) -> Tracks:
             f"choose another."
         ) from None
     _contents[stamp] = content
-    key = content, *options
-    if key not in _files:
+    *how, meters = options
 
-        def tell(part: float) -> None:
-            progress[0] = part
+    def tell(part: float) -> None:
+        progress[0] = part
 
-        *how, meters = options
-        tracks = read_tracks(path, *how, tell).in_units(meters)
-        while len(_files) >= MOST_FILES:
-            _files.pop(next(iter(_files)))
-        _files[key] = tracks
-    return _files[key]
+    return _files.of((content, *options), lambda: read_tracks(path, *how, tell).in_units(meters))
 
 
 def check_places(tracks: Tracks, crowd) -> None:

@@ -6,7 +6,7 @@ import pytest
 from crowd_lod_extension.operators.blender import mesh_data
 
 from ..support.characters import character, new, rig, skin, tube
-from .test_level_sources import make_lods, triangles, world
+from .test_level_sources import make_lods, world
 
 
 def test_faces_that_only_a_modifier_makes_count():
@@ -17,7 +17,8 @@ def test_faces_that_only_a_modifier_makes_count():
     screw.steps = screw.render_steps = 32
     character(item)
     lods = make_lods(2)
-    assert triangles(lods["vase LOD 2"]) == pytest.approx(0.12 * 8 * 32 * 2, rel=0.2)
+    count = mesh_data.count_triangles(lods["vase LOD 2"].data)
+    assert count == pytest.approx(0.12 * 8 * 32 * 2, rel=0.2)
     assert np.abs(np.linalg.norm(world(lods["vase LOD 2"])[:, :2], axis=1) - 1).max() < 0.15
 
 
@@ -93,7 +94,7 @@ def test_modifiers_count_as_they_are_rendered():
         array.show_render = rendered
         character(item, name=name)
     wide = {
-        name: np.ptp(mesh_data.read_triangles(item.data)[0][:, 0])
+        name: np.ptp(mesh_data.read_mesh(item.data).points[:, 0])
         for name, item in make_lods(1).items()
     }
     assert (
@@ -118,7 +119,7 @@ def test_what_is_shrunk_onto_a_body_is_so_at_rest():
     wrap.offset = 0.02
     character(armature, body, shirt)
     low, high = (
-        getattr(mesh_data.read_triangles(make_lods(1)["shirt LOD 1"].data)[0], end)(axis=0)
+        getattr(mesh_data.read_mesh(make_lods(1)["shirt LOD 1"].data).points, end)(axis=0)
         for end in ("min", "max")
     )
     assert np.allclose(low, (-0.22, -0.22, 0), atol=0.03) and np.allclose(

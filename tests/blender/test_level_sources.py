@@ -269,7 +269,7 @@ def test_one_triangle_and_two_hundred_loose_parts():
     character(new("one", one), new("parts", parts))
     lods = make_lods(1)
     assert mesh_data.count_triangles(lods["one LOD 1"].data) == 1
-    found = mesh_data.read_triangles(lods["parts LOD 1"].data)[1]
+    found = mesh_data.read_mesh(lods["parts LOD 1"].data).triangles
     assert len(np.unique(np.sort(found, axis=1), axis=0)) == len(found) >= 200  # none twice
 
 
@@ -302,5 +302,5 @@ def test_a_stray_face_without_area_costs_no_lod_its_likeness():
     stray.from_pydata(points, [], [*faces, (at, at + 1, at + 2), (at + 3, at + 4, at + 5)])
     character(new("stray", stray))
     lod = make_lods(1)["stray LOD 1"]
-    assert np.abs(mesh_data.read_triangles(lod.data)[0][:, :2]).max() < 0.25
+    assert np.abs(mesh_data.read_mesh(lod.data).points[:, :2]).max() < 0.25
     assert bpy.context.scene.crowd_lod.groups[0].deviations[1] < 0.05

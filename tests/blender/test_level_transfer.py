@@ -101,9 +101,9 @@ def test_a_lining_does_not_darken_its_coat():
     coat.shade_smooth()
     source = read_source(new("coat", coat))
     coarse = tube("coarse", 8, 2, radius=0.2)
-    points, triangles, *_ = mesh_data.read_triangles(coarse)
-    away = np.linalg.norm(points[:, None] - source.geometry[0], axis=2)
-    result = LodMesh(points, triangles, away.argmin(axis=1))
+    read = mesh_data.read_mesh(coarse)
+    away = np.linalg.norm(read.points[:, None] - source.geometry.points, axis=2)
+    result = LodMesh(read.points, read.triangles, away.argmin(axis=1))
     dressed = finished(dress("coat LOD", result, source))
     set_normals(dressed)
     assert all(

@@ -24,7 +24,7 @@ def digest(collection):
             [(m.name, m.type) for m in item.modifiers],
             [g.name for g in item.vertex_groups],
             np.array(item.matrix_world).tobytes(),
-            mesh_data.read_triangles(item.data)[0].tobytes() if item.type == "MESH" else None,
+            mesh_data.read_mesh(item.data).points.tobytes() if item.type == "MESH" else None,
             [c.name for c in item.users_collection],
         )
         for item in collection.all_objects
@@ -84,7 +84,7 @@ def test_levels_carry_materials_uvs_and_weights_and_follow_the_armature(levelled
             fine, coarse = (
                 mesh_data.world_points(o.evaluated_get(depsgraph)) for o in (finest, item)
             )
-            triangles = mesh_data.read_triangles(finest.evaluated_get(depsgraph).to_mesh())[1]
+            triangles = mesh_data.read_mesh(finest.evaluated_get(depsgraph).to_mesh()).triangles
             tree = BVHTree.FromPolygons(fine.tolist(), triangles.tolist())
             off = max(tree.find_nearest(p)[3] for p in coarse.tolist())
             assert off <= group.bounds[k] + 1e-6

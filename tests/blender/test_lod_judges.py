@@ -28,7 +28,7 @@ def prism(judges, sides: int, radius: float):
     after = (low + 1) % sides
     upper = np.stack([low, after, after + sides], axis=1)
     lower = np.stack([low, after + sides, low + sides], axis=1)
-    return judges.Shape(points, np.concatenate([upper, lower]))
+    return judges.JudgedMesh(points, np.concatenate([upper, lower]))
 
 
 def test_a_prism_of_few_sides_is_off_by_what_its_sides_cut_away(judges):
@@ -44,9 +44,9 @@ def test_what_is_inside_does_not_count(judges):
     outer = prism(judges, 24, 1.0)
     inner = prism(judges, 24, 0.01)
     lids = [[begin, begin + k, begin + k + 1] for begin in (0, 24) for k in range(1, 23)]
-    closed = judges.Shape(outer.points, np.concatenate([outer.triangles, lids]))
+    closed = judges.JudgedMesh(outer.points, np.concatenate([outer.triangles, lids]))
     inner.points[:, 2] *= 0.1
-    both = judges.Shape(
+    both = judges.JudgedMesh(
         np.concatenate([closed.points, inner.points]),
         np.concatenate([closed.triangles, inner.triangles + len(closed.points)]),
     )

@@ -75,7 +75,7 @@ def planned(scene):
 
 
 def triangles_of(scene):
-    return len(surroundings(scene).occluders.shape.triangles)
+    return len(surroundings(scene).occluders.topology.triangles)
 
 
 def reasons_of(scene):
@@ -150,7 +150,7 @@ def test_instances_of_collections_hide_agents(street):
     crane.instance_collection = home
     crane.location = (0, 1, 0)
     around = surroundings(street)
-    assert len(around.occluders.shape.triangles) == 13 * 12 + 2
+    assert len(around.occluders.topology.triangles) == 13 * 12 + 2
     low, _ = around.occluders.boxes
     assert (np.abs(low - (-18, -13, 0)).max(axis=1) < 1e-5).any()
 

@@ -30,8 +30,8 @@ def test_points_move_as_blender_moves_a_mesh_with_the_same_weights():
     assert len(list(skin_of(source, frames))) == len(frames) > 8
     assert set(bpy.data.user_map()) == before  # nothing is left behind
     rng = np.random.default_rng(0)
-    follows = rng.integers(0, len(source.geometry[0]), 100)
-    at = source.geometry[0][follows] + rng.normal(0, 0.05, (100, 3))
+    follows = rng.integers(0, len(source.geometry.points), 100)
+    at = source.geometry.points[follows] + rng.normal(0, 0.05, (100, 3))
     mesh = bpy.data.meshes.new("others")
     mesh.from_pydata(at.tolist(), [], [])
     other = item.copy()
@@ -70,7 +70,7 @@ def test_lods_bend_as_the_character_does():
     (group,) = groups_of(settings)
     for k, level in enumerate(settings.levels.children):  # at rest all are as close as ever
         (lod,) = level.all_objects
-        near = mesh_data.read_triangles(lod.data)[0]
+        near = mesh_data.read_mesh(lod.data).points
         assert np.abs(np.hypot(near[:, 0], near[:, 1]) - 0.2).max() < 0.03, k
     assert group.deviations[1] == pytest.approx(0, abs=0.01)
     assert item.data.vertices and item.name == "arm"
@@ -83,7 +83,7 @@ def bowed(keyed=True):
     item = new("trunk", tube("trunk", around=32, along=48))
     character(item, name="trunk")
     item.shape_key_add(name="Basis", from_mix=False)
-    rest = mesh_data.read_triangles(item.data)[0]
+    rest = mesh_data.read_mesh(item.data).points
     x, y, z = rest.T
     arc = 0.8 * z
     reach = y + 1 / 0.8
@@ -126,7 +126,7 @@ def test_keys_that_nothing_moves_count_at_their_full_value():
     item = bowed(keyed=False)
     source = read_source(item)
     list(skin_of(source, [1.0, 6.0, 12.0]))
-    rest = source.geometry[0]
+    rest = source.geometry.points
     assert len(source.skin.place) == 5 and np.abs(source.skin.place[:3] - rest).max() == 0
     for place, name in zip(source.skin.place[3:], ("bow", "lean"), strict=True):
         np.testing.assert_allclose(

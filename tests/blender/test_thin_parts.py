@@ -67,8 +67,8 @@ def tetrahedron():
 def corners(items):
     """(m, 3, 3) corners of triangles as they are evaluated now."""
     depsgraph = bpy.context.evaluated_depsgraph_get()
-    parts = (mesh_data.world_triangles(item.evaluated_get(depsgraph)) for item in items)
-    return np.concatenate([points[triangles] for points, triangles in parts])
+    parts = (mesh_data.world_mesh(item.evaluated_get(depsgraph)) for item in items)
+    return np.concatenate([part.points[part.triangles] for part in parts])
 
 
 def cover(flat, size):

@@ -1,6 +1,7 @@
 """Nearest points found by walking, against all triangles and against a finely sampled surface."""
 
 import numpy as np
+from crowd_lod_extension.crowd_lod.mesh import Mesh
 from crowd_lod_extension.crowd_lod.simplification.closest_point import closest_weights, doubt
 from crowd_lod_extension.crowd_lod.simplification.surface_fit import SurfaceFit
 from crowd_lod_extension.crowd_lod.simplification.triangle_mesh import TriangleMesh, length
@@ -60,7 +61,7 @@ def test_flips_mend_sides_across_a_valley_but_no_seam():
     mine = [np.linalg.norm(points - corner, axis=1).argmin() for corner in corners]
     seam = np.array([[mine[0], mine[5]]])
     for seams, sides in ((seam[:0], False), (seam, True)):
-        fit = SurfaceFit((corners, lod), (points, triangles), nearest, seams)
+        fit = SurfaceFit(Mesh(corners, lod), Mesh(points, triangles), nearest, seams)
         fit.flip()
         fit.flip()
         kept = {

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from crowd_lod_extension.crowd_lod.mesh import Mesh
 from crowd_lod_extension.crowd_lod.simplification.components import areas
 from crowd_lod_extension.crowd_lod.simplification.decimate import decimate
 
@@ -47,7 +48,7 @@ def count_covered(points, triangles, samples):
 @pytest.mark.parametrize("ratio", [0.06, 0.03])
 def test_a_robot_of_many_parts_shows_as_much(ratio):
     points, triangles = robot()
-    lod = decimate((points, triangles), ratio, "robot")
+    lod = decimate(Mesh(points, triangles), ratio, "robot")
     assert len(lod.triangles) <= round(ratio * len(triangles))
     samples = np.random.default_rng(0).uniform(-1, 1, (2_000, 2))
     assert count_covered(lod.points, lod.triangles, samples) == pytest.approx(

@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.mesh import Mesh
 from crowd_lod_extension.crowd_lod.simplification import settings
 from crowd_lod_extension.crowd_lod.simplification.decimate import decimate
 from crowd_lod_extension.crowd_lod.simplification.quadrics import quadrics_of
@@ -35,7 +36,7 @@ def volume(points, triangles):
 @pytest.mark.parametrize("ratio", [0.4, 0.12])
 def test_decimated_torus_keeps_its_shape(ratio):
     points, triangles = torus()
-    lod = decimate((points, triangles), ratio, "torus")
+    lod = decimate(Mesh(points, triangles), ratio, "torus")
     assert len(lod.triangles) == pytest.approx(ratio * len(triangles), rel=0.05)
     assert volume(lod.points, lod.triangles) == pytest.approx(volume(points, triangles), rel=0.08)
     # every point takes its weights from a source point close by
@@ -45,7 +46,7 @@ def test_decimated_torus_keeps_its_shape(ratio):
 def test_ratio_1_is_the_mesh_itself_without_loose_points():
     points, triangles = torus()
     points = np.vstack([[(9, 9, 9)], points])
-    lod = decimate((points, triangles + 1), 1.0, "torus")
+    lod = decimate(Mesh(points, triangles + 1), 1.0, "torus")
     assert (lod.points[lod.triangles] == points[triangles + 1]).all() and len(lod.points) == len(
         points
     ) - 1
@@ -57,7 +58,7 @@ def test_places_that_weigh_more_keep_more_triangles():
     spot = points[:, 0] > 1.2
     counts = []
     for weight in (None, np.where(spot, 64.0, 1.0)):
-        lod = decimate((points, triangles), 0.12, "torus", weight=weight)
+        lod = decimate(Mesh(points, triangles), 0.12, "torus", weight=weight)
         counts.append(
             (lod.points[lod.triangles][:, :, 0].mean(axis=1) > 1.2).sum() / len(lod.triangles)
         )
@@ -65,23 +66,23 @@ def test_places_that_weigh_more_keep_more_triangles():
 
 
 def test_one_triangle_survives_any_ratio():
-    lod = decimate((np.eye(3), np.array([[0, 1, 2]])), 0.001, "card")
+    lod = decimate(Mesh(np.eye(3), np.array([[0, 1, 2]])), 0.001, "card")
     assert len(lod.triangles) == 1
 
 
 @pytest.mark.parametrize("ratio", [0, -1, 1.5, np.nan])
 def test_bad_ratio(ratio):
     with pytest.raises(CrowdError, match="torus"):
-        decimate(torus(), ratio, "torus")
+        decimate(Mesh(*torus()), ratio, "torus")
 
 
 def test_empty_and_nan_meshes_are_named():
     with pytest.raises(CrowdError, match="ghost has no faces"):
-        decimate((np.zeros((3, 3)), np.zeros((0, 3), int)), 0.5, "ghost")
+        decimate(Mesh(np.zeros((3, 3)), np.zeros((0, 3), int)), 0.5, "ghost")
     points, triangles = torus()
     points[7, 1] = np.nan
     with pytest.raises(CrowdError, match="torus has 1 vertex at NaN"):
-        decimate((points, triangles), 0.5, "torus")
+        decimate(Mesh(points, triangles), 0.5, "torus")
 
 
 def sphere(n=40):
@@ -192,7 +193,7 @@ def test_distance_against_fast_simplification_alone(make, share, ratio):
     points, triangles = make()
     target = round(ratio * len(triangles))
     peer = fast_simplification.simplify(points, triangles.astype(np.int32), target_count=target)
-    lod = decimate((points, triangles), ratio, "mesh")
+    lod = decimate(Mesh(points, triangles), ratio, "mesh")
     assert abs(len(lod.triangles) - target) <= max(1, 0.01 * target)
     assert hausdorff((points, triangles), (lod.points, lod.triangles)) <= share * hausdorff(
         (points, triangles), peer
@@ -203,7 +204,7 @@ def test_distance_against_fast_simplification_alone(make, share, ratio):
 @pytest.mark.parametrize("ratio", [0.4, 0.12, 0.03])
 def test_closed_stays_closed_with_no_face_turned_doubled_or_flat(make, ratio):
     points, triangles = make()
-    lod = decimate((points, triangles), ratio, "mesh")
+    lod = decimate(Mesh(points, triangles), ratio, "mesh")
     assert (edge_counts(lod.triangles)[1] == 2).all()
     half = lod.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     assert len(np.unique(half, axis=0)) == len(
@@ -222,7 +223,7 @@ def test_closed_stays_closed_with_no_face_turned_doubled_or_flat(make, ratio):
 
 def test_open_borders_stay_open_and_in_place():
     points, triangles = terrain()
-    lod = decimate((points, triangles), 0.12, "terrain")
+    lod = decimate(Mesh(points, triangles), 0.12, "terrain")
     edges, count = edge_counts(lod.triangles)
     assert set(count) == {1, 2}
     rim = lod.points[np.unique(edges[count == 1]), :2]
@@ -236,7 +237,7 @@ def test_a_seam_is_kept_in_place():
     points[:, 2] = 0  # flat: nothing but the seam holds its points
     seam = n * np.arange(n) + 11
     edges = np.stack([seam[:-1], seam[1:]], 1)
-    lod = decimate((points, triangles), 0.12, "terrain", seams=edges)
+    lod = decimate(Mesh(points, triangles), 0.12, "terrain", seams=edges)
     line = points[seam[0], 1]
     across = lod.points[:, 1][lod.triangles] - line
     assert (
@@ -251,7 +252,8 @@ def test_far_lods_spend_no_more_on_many_seams_than_they_must():
     lines = [line for i in range(4, n - 1, 4) for line in (grid[i], grid[:, i])]
     patchwork = np.concatenate([np.stack([line[:-1], line[1:]], 1) for line in lines])
     held, bare = (
-        decimate((points, triangles), 0.02, "terrain", seams=seams) for seams in (patchwork, None)
+        decimate(Mesh(points, triangles), 0.02, "terrain", seams=seams)
+        for seams in (patchwork, None)
     )
     far, near = (
         hausdorff((points, triangles), (lod.points, lod.triangles)) for lod in (held, bare)
@@ -274,7 +276,9 @@ def test_seams_weigh_as_much_as_they_hold_and_borders_in_full():
 def test_borders_at_the_same_points_do_not_part():
     points, triangles = sphere()
     lod = decimate(
-        (points[triangles].reshape(-1, 3), np.arange(triangles.size).reshape(-1, 3)), 0.12, "split"
+        Mesh(points[triangles].reshape(-1, 3), np.arange(triangles.size).reshape(-1, 3)),
+        0.12,
+        "split",
     )
     assert (edge_counts(lod.triangles)[1] == 2).all()
 
@@ -285,7 +289,7 @@ def test_borders_at_the_same_points_do_not_part():
 )
 def test_cards_stay_while_there_are_triangles_and_are_spread_out_after(columns, ratio, parts):
     points, triangles = cards(columns=columns)
-    lod = decimate((points, triangles), ratio, "hair")
+    lod = decimate(Mesh(points, triangles), ratio, "hair")
     kept = np.unique(lod.source[lod.triangles[:, 0]] // (2 * (columns + 1)))
     assert len(lod.triangles) == round(ratio * len(triangles)) and len(kept) == parts
     if parts < 200:
@@ -301,7 +305,7 @@ def test_closed_parts_become_cards_before_any_goes(ratio, parts):
     place = 4 * np.stack(np.meshgrid(np.arange(5), np.arange(8)), -1).reshape(-1, 2)
     points = np.concatenate([one * (0.5 + k / 40) + (x, y, 0) for k, (x, y) in enumerate(place)])
     lod = decimate(
-        (points, np.concatenate([triangles + k * len(one) for k in range(40)])), ratio, "balls"
+        Mesh(points, np.concatenate([triangles + k * len(one) for k in range(40)])), ratio, "balls"
     )
     assert len(np.unique(lod.source // len(one))) == parts
     assert len(lod.triangles) <= round(ratio * 40 * len(triangles))
@@ -313,14 +317,14 @@ def test_closed_parts_become_cards_before_any_goes(ratio, parts):
 )
 def test_scale_and_place_change_nothing(size, offset):
     points, triangles = torus()
-    one = decimate((points, triangles), 0.12, "torus", effort=0.1)
-    other = decimate((points * size + offset, triangles), 0.12, "torus", effort=0.1)
+    one = decimate(Mesh(points, triangles), 0.12, "torus", effort=0.1)
+    other = decimate(Mesh(points * size + offset, triangles), 0.12, "torus", effort=0.1)
     assert (one.triangles == other.triangles).all() and (one.source == other.source).all()
     assert np.allclose((other.points - offset) / size, one.points, atol=1e-6)
 
 
 def test_the_same_mesh_gives_the_same_lod_bit_for_bit():
-    one, other = (decimate(sphere(), 0.12, "sphere", effort=0.2) for _ in range(2))
+    one, other = (decimate(Mesh(*sphere()), 0.12, "sphere", effort=0.2) for _ in range(2))
     assert (one.points == other.points).all() and (one.triangles == other.triangles).all()
 
 
@@ -328,7 +332,7 @@ def test_edges_of_many_faces_and_doubled_faces_are_taken():
     random = np.random.default_rng(2)
     triangles = np.array([random.choice(40, 3, replace=False) for _ in range(300)])
     lod = decimate(
-        (random.normal(size=(40, 3)), np.concatenate([triangles, triangles])), 0.4, "soup"
+        Mesh(random.normal(size=(40, 3)), np.concatenate([triangles, triangles])), 0.4, "soup"
     )
     assert 0 < len(lod.triangles) <= 300 and np.isfinite(lod.points).all()
     assert len(np.unique(np.sort(lod.triangles, axis=1), axis=0)) == len(lod.triangles)
@@ -336,9 +340,9 @@ def test_edges_of_many_faces_and_doubled_faces_are_taken():
 
 def test_a_mesh_that_is_a_small_part_of_a_character_asks_as_small_a_part_of_the_effort(monkeypatch):
     points, triangles = sphere()
-    part = decimate((points, triangles), 0.2, "part", effort=0.1)
-    whole = decimate((points, triangles), 0.2, "whole")
+    part = decimate(Mesh(points, triangles), 0.2, "part", effort=0.1)
+    whole = decimate(Mesh(points, triangles), 0.2, "whole")
     less = replace(settings.CURRENT, moves=settings.CURRENT.moves // 10)
     monkeypatch.setattr(settings, "CURRENT", less)
-    small = decimate((points, triangles), 0.2, "small")
+    small = decimate(Mesh(points, triangles), 0.2, "small")
     assert part.points.tobytes() == small.points.tobytes() != whole.points.tobytes()

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from crowd_lod_extension.crowd_lod.mesh import Mesh
 from crowd_lod_extension.crowd_lod.simplification.decimate import decimate
 from crowd_lod_extension.crowd_lod.simplification.pose_deformation import Skin, frames_of
 
@@ -44,7 +45,7 @@ def swung(points, triangles):
 def test_a_tail_stays_beside_more_teeth_than_there_are_triangles_for(moves):
     points, triangles = toothy()
     skin = swung(points, triangles) if moves else None
-    lod = decimate((points, triangles), 150 / len(triangles), "toothy", skin=skin, effort=0.2)
+    lod = decimate(Mesh(points, triangles), 150 / len(triangles), "toothy", skin=skin, effort=0.2)
     assert 100 < len(lod.triangles) <= 150
     tip = points[points[:, 2].argmin()]
     assert np.linalg.norm(lod.points - tip, axis=1).min() < 0.06
@@ -55,5 +56,5 @@ def test_copies_of_a_body_in_one_place_both_stay():
     body, faces = drum(16, 20)
     points = np.concatenate([body, body])
     triangles = np.concatenate([faces, faces[:, ::-1] + len(body)])
-    lod = decimate((points, triangles), 0.1, "doubled", effort=0.1)
+    lod = decimate(Mesh(points, triangles), 0.1, "doubled", effort=0.1)
     assert len(np.unique(lod.source // len(body))) == 2

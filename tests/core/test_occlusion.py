@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.culling import depth_map
-from crowd_lod_extension.crowd_lod.culling.occluders import join_occluders, shape_of_mesh
+from crowd_lod_extension.crowd_lod.culling.occluders import join_occluders, topology_of
 from crowd_lod_extension.crowd_lod.culling.occlusion import OcclusionMap
 from crowd_lod_extension.crowd_lod.culling.rectangle_minima import RectangleMinima
 
@@ -75,7 +75,7 @@ def test_any_triangles_hide_only_what_is_hidden(kind):
     for seed in range(5):
         random = np.random.default_rng(seed)
         scenery = soup(random, 8)
-        corners = scenery.points[scenery.shape.triangles]
+        corners = scenery.points[scenery.topology.triangles]
         camera = looking(random.uniform(-2, 2, 3) + [0, 0.5, 0], np.pi / 2, 0, kind, 1.2)
         centers = random.uniform((-25, 4, -15), (25, 40, 15), (300, 3))
         radius = random.uniform(0.2, 1.5)
@@ -107,7 +107,7 @@ def test_a_camera_that_moves_sees_nobody_who_is_hidden():
     for seed in range(2):
         random = np.random.default_rng(seed)
         scenery = soup(random, 4)
-        corners = scenery.points[scenery.shape.triangles]
+        corners = scenery.points[scenery.topology.triangles]
         begin = random.uniform(-1, 1, 3)
         end = begin + random.uniform(-0.4, 0.4, 3)
         yaw, pitch = random.uniform(-0.05, 0.05, 2)
@@ -159,14 +159,14 @@ def test_steps_behind_a_wall_of_the_same_mesh_do_not_spoil_it():
 
 
 def test_a_box_has_no_border_and_a_flipped_face_has_one():
-    box = box_mesh((0, 0, 0), (1, 1, 1)).shape
+    box = box_mesh((0, 0, 0), (1, 1, 1)).topology
     assert len(box.edges) == 18
     assert (box.sides >= 0).all()
     flipped = FACES.copy()
     flipped[0] = flipped[0, ::-1]
     corners = box_mesh((0, 0, 0), (1, 1, 1)).points
-    assert (shape_of_mesh(corners, flipped).sides[:, 1] < 0).sum() == 6
-    apart = shape_of_mesh(corners[FACES].reshape(-1, 3), np.arange(36).reshape(-1, 3))
+    assert (topology_of(corners, flipped).sides[:, 1] < 0).sum() == 6
+    apart = topology_of(corners[FACES].reshape(-1, 3), np.arange(36).reshape(-1, 3))
     assert (apart.sides >= 0).all()  # vertices at the same place are one
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from crowd_lod_extension.crowd_lod.mesh import Mesh
 from crowd_lod_extension.crowd_lod.simplification import edge_collapse
 from crowd_lod_extension.crowd_lod.simplification.decimate import decimate
 from crowd_lod_extension.crowd_lod.simplification.pose_deformation import Copies, Skin, frames_of
@@ -84,8 +85,8 @@ def distance(samples, points, triangles):
 def test_an_elbow_straight_at_rest_keeps_its_shape_when_it_bends(ratio):
     points, triangles = tube()
     skin = bent(points, [0.0, 0.7, 1.6])
-    heeding = decimate((points, triangles), ratio, "arm", skin=skin)
-    blind = decimate((points, triangles), ratio, "arm")
+    heeding = decimate(Mesh(points, triangles), ratio, "arm", skin=skin)
+    blind = decimate(Mesh(points, triangles), ratio, "arm")
     assert len(heeding.triangles) <= len(blind.triangles) * 1.01
     off = [
         distance(skin.place[2], skin.at(2, lod.points.T, lod.source).T, lod.triangles).max()
@@ -122,8 +123,8 @@ def test_the_poses_that_tell_most_come_first_and_those_that_tell_nothing_not_at_
         points, np.einsum("knij,nj->kni", whole, points), whole
     )  # all of it turns: nothing bends
     assert turned.telling(triangles) is None
-    same = decimate((points, triangles), 0.3, "arm", skin=turned)
-    plain = decimate((points, triangles), 0.3, "arm")
+    same = decimate(Mesh(points, triangles), 0.3, "arm", skin=turned)
+    plain = decimate(Mesh(points, triangles), 0.3, "arm")
     np.testing.assert_array_equal(same.points, plain.points)
 
 
@@ -164,8 +165,8 @@ def test_moves_bring_a_lod_nearer_in_all_its_poses():
     collapse_map = np.linalg.norm(points[:, None] - some, axis=2).argmin(axis=1)
     follows = np.linalg.norm(points - some[:, None], axis=2).argmin(axis=1)
     fit = SurfaceFit(
-        (some, lod),
-        (points, triangles),
+        Mesh(some, lod),
+        Mesh(points, triangles),
         collapse_map,
         np.empty((0, 2), int),
         skin=skin,
@@ -218,7 +219,7 @@ def test_what_rounds_take_over_from_those_before_is_what_they_would_find(posed, 
     lods = []
     for way in (counted, nothing):
         monkeypatch.setattr(edge_collapse, "take_over_estimates", way)
-        lods.append(decimate((points, triangles), 0.1, "tube", skin=skin, effort=0.05))
+        lods.append(decimate(Mesh(points, triangles), 0.1, "tube", skin=skin, effort=0.05))
     assert (~np.isnan(took[-1][3])).mean() > 0.5  # most is taken over, and with poses errors, too
     assert not posed or any((~np.isnan(each[4])).any() for each in took)
     for one, other in zip(*(vars(lod).values() for lod in lods), strict=True):

@@ -10,7 +10,7 @@ from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy, deviations, limits
 from crowd_lod_extension.crowd_lod.validation import shaded_pictures
-from crowd_lod_extension.crowd_lod.validation.shaded_pictures import Body, likeness, pictures
+from crowd_lod_extension.crowd_lod.validation.shaded_pictures import ShadedMesh, likeness, pictures
 
 from ..support.bodies import drum
 from ..support.cameras import straight
@@ -30,7 +30,7 @@ def ball(around=96, along=49):
 def body(points, triangles, color=(0.8, 0.4, 0.2), uvs=None, image=-1):
     m = len(triangles)
     uvs = np.zeros((m, 3, 2)) if uvs is None else uvs
-    return Body(
+    return ShadedMesh(
         points, triangles, points[triangles], uvs, np.tile(color, (m, 1)), np.full(m, image)
     )
 
@@ -69,7 +69,7 @@ def test_an_image_takes_the_place_of_the_color():
     image[0, :, :2, 0] = 255
     image[0, :, 2:, 2] = 255
     square = body(points, triangles, uvs=points[triangles][..., [0, 2]], image=0)
-    square = Body(**{**vars(square), "normals": np.broadcast_to((0.0, -1.0, 0.0), (2, 3, 3))})
+    square = ShadedMesh(**{**vars(square), "normals": np.broadcast_to((0.0, -1.0, 0.0), (2, 3, 3))})
     (picture,) = pictures([square], image, [flat(points, 40)], AXES)
     left = picture[20, shaded_pictures.MARGIN + 8]
     right = picture[20, shaded_pictures.MARGIN + 32]
@@ -83,7 +83,7 @@ def test_what_is_nearer_hides_what_is_behind():
     both = np.concatenate([far, near])
     normals = np.concatenate([points[triangles], points[triangles]])
     count = len(triangles)
-    two = Body(
+    two = ShadedMesh(
         both,
         np.concatenate([triangles, triangles + len(points)]),
         normals,
@@ -131,7 +131,7 @@ def test_a_thinner_ball_and_one_lit_otherwise_are_less_alike():
         (whole, points),
         (body(0.95 * points, triangles), 0.95 * points),
         (body(0.8 * points, triangles), 0.8 * points),
-        (Body(**{**vars(whole), "normals": np.roll(whole.normals, 1, axis=2)}), points),
+        (ShadedMesh(**{**vars(whole), "normals": np.roll(whole.normals, 1, axis=2)}), points),
     ):
         found.append(
             likeness(*pictures([whole, other], NONE, [flat(points, 40), flat(shown, 40)], AXES))

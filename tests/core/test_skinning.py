@@ -46,7 +46,7 @@ def mesh(points, joints, weights):
     n = len(points)
     column = np.zeros(n, np.float32)
     whole = np.zeros((n, 3), np.float32)
-    return SkinnedMesh(points, whole, joints, weights, whole[:, :2], whole, column, OUTWARDS, True)
+    return SkinnedMesh(points, OUTWARDS, whole, joints, weights, whole[:, :2], whole, column, True)
 
 
 def test_skinning_is_the_weighted_sum_of_two_mixed_frames():

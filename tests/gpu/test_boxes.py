@@ -42,10 +42,9 @@ def test_boxes_drawn_in_runs_are_those_drawn_one_by_one():
 def quad_character(images, layers):
     points = np.array([(-1, 0, 0), (1, 0, 0), (1, 0, 2), (-1, 0, 2)], np.float32)
     mesh = SkinnedMesh(
-        points, np.tile(np.float32((0, 0, 1)), (4, 1)), np.zeros((4, 4), np.uint16),
+        points, np.array([(0, 1, 2), (0, 2, 3)], np.uint32), np.tile(np.float32((0, 0, 1)), (4, 1)), np.zeros((4, 4), np.uint16),
         np.tile(np.float32((1, 0, 0, 0)), (4, 1)), np.array([(0, 0), (1, 0), (1, 1), (0, 1)], np.float32),
         np.tile(np.float32((0.6, 0.3, 0.1)), (4, 1)), np.full(4, layers, np.float32),
-        np.array([(0, 1, 2), (0, 2, 3)], np.uint32),
     )  # fmt: skip
     return Character(
         "quad", np.eye(4, dtype=np.float32)[None, None, :3], (mesh,), images, np.ones(3), 0.0, None

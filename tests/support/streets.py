@@ -2,7 +2,7 @@
 
 import numpy as np
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window, as_pictured
-from crowd_lod_extension.crowd_lod.culling.occluders import Occluders, shape_of_mesh
+from crowd_lod_extension.crowd_lod.culling.occluders import Occluders, topology_of
 
 FACES = np.array(
     [(0, 2, 1), (1, 2, 3), (4, 5, 6), (5, 7, 6), (0, 1, 4), (1, 5, 4)]
@@ -12,7 +12,7 @@ FACES = np.array(
 
 def mesh(points, triangles):
     points = np.asarray(points, float)
-    return Occluders(points, shape_of_mesh(points, np.asarray(triangles)))
+    return Occluders(points, topology_of(points, np.asarray(triangles)))
 
 
 def box_mesh(low, high):
