@@ -168,7 +168,7 @@ def test_prototypes_are_blenders_own_meshes_of_the_lods_in_the_agents_phase(
             ]
             with Posed(objects, [list(home.objects)]) as posed:
                 ((first, last),) = posed.performance.spans
-                points = posed.shapes(first + (last - first) * shown)[1][0] - np.array(
+                points = posed.shapes(first + (last - first) * shown)[1].points - np.array(
                     home.instance_offset
                 )
             np.testing.assert_allclose(points_of(usd, stage, prototype, number), points, atol=1e-5)
