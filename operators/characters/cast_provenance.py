@@ -7,7 +7,7 @@ from contextlib import suppress
 import bpy
 
 from ...crowd_lod.errors import CrowdError
-from ..blender import named_actions, performance, provenance, sidebars
+from ..blender import named_actions, performance, provenance, scene_cache, sidebars
 from ..blender.guard import guard
 from ..blender.provenance import text_digest
 from ..blender.sidebar_answers import hold
@@ -19,6 +19,8 @@ CHARACTER = "the character "  # begins the names of their inputs
 MOTION = "the motion of "  # the same of their motions
 SLICE = 0.02  # seconds for which a timer reads what drawings ask
 _unread: list[Iterator[float]] = []  # what the timer still has to read
+# how many changes there were when each scene's characters and LODs were last read for drawings
+_read_at: dict[int, int] = scene_cache.add_cache({}, by_scene=True)
 
 
 @hold(lambda _: provenance.changes)
@@ -48,16 +50,16 @@ def reading_motions(scene: bpy.types.Scene) -> Iterator[float]:
 
 
 def is_known(scene: bpy.types.Scene) -> bool:
-    """Return whether what drawings ask of characters and LODs is known.
+    """Return whether what drawings ask of characters and LODs was read since the last change.
 
-    If not, a timer reads it in slices and lets the windows draw again: to read it all took 0.3 s of
-    a drawing.
+    If not, a timer reads it in slices and lets the windows draw again, unless a step is at work: to
+    read it all took 0.3 s of a drawing. Without a window it is read when it is asked for.
     """
-    if bpy.app.background or (cast_inputs.holds(scene) and motions.holds(scene)):
+    if bpy.app.background or _read_at.get(scene.session_uid) == provenance.changes:
         return True
-    if not bpy.app.timers.is_registered(_read_some):
+    if not at_work() and not bpy.app.timers.is_registered(read_some):
         _unread[:] = [_reading_all(scene)]
-        bpy.app.timers.register(_read_some)
+        bpy.app.timers.register(read_some)
     return False
 
 
@@ -67,18 +69,22 @@ def _reading_all(scene: bpy.types.Scene) -> Iterator[float]:
         for _ in _read_motions(scene):
             yield 0.0
         motions(scene)
+    _read_at[scene.session_uid] = provenance.changes
 
 
 @guard
-def _read_some() -> float | None:
+def read_some() -> float | None:
     """Read for SLICE seconds; return when to go on, None at the end or where a step is at work."""
     until = clock.monotonic() + SLICE
-    with suppress(StopIteration, ReferenceError):  # a scene that was deleted
+    try:
         while not at_work():
             next(_unread[0])
             if clock.monotonic() > until:
                 return 0.0
-    sidebars.redraw_viewports()
+    except StopIteration:
+        sidebars.redraw_viewports()
+    except ReferenceError:  # the scene was deleted
+        pass
     return None
 
 

@@ -14,6 +14,7 @@ from ...crowd_lod.frame.frame import Frame
 from ..blender import scene_cache, scene_data, sidebars, steps
 from ..blender.guard import guard
 from ..blender.image_data import LOOK_AGAIN
+from ..characters import cast_provenance
 from . import (
     character_cache,
     hud,
@@ -243,4 +244,11 @@ def _redraw_sidebars_soon() -> None:
 
 
 # What may still be due when the extension is disabled.
-TIMERS = (_watch, sidebars.redraw, read_shutters, _stop, character_cache.bake_some)
+TIMERS = (
+    _watch,
+    sidebars.redraw,
+    read_shutters,
+    _stop,
+    character_cache.bake_some,
+    cast_provenance.read_some,
+)
