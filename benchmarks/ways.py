@@ -259,7 +259,7 @@ def dress_scene(scene: bpy.types.Scene, way: str) -> None:
         crowd_now = frame_update.Held(frame.crowd, frame.time)
         for bucket in points:
             is_used = (
-                bucket == (buckets.Kind.LOD, 0)
+                bucket == (buckets.BucketKind.LOD, 0)
                 if way in (EVERYONE, CAMERA_CULL)
                 else way == NODES and bucket.is_seen
             )

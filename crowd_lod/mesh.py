@@ -21,6 +21,7 @@ class Mesh:
     triangles: np.ndarray
 
 
+EMPTY = Mesh(np.empty((0, 3)), np.empty((0, 3), np.int32))  # what parts are joined to
 AnyMesh = TypeVar("AnyMesh", bound=Mesh)
 
 

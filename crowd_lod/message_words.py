@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 from .format import counted, number
-from .messages import Kind, Message
+from .messages import Message, MessageKind
 
 MOST_NAMED = 4  # of subjects
 NAMED = 2  # of more than those
@@ -60,10 +60,14 @@ def _each(several: Sequence[Message], words: str) -> str:
 
 
 def _in_words(message: Message) -> dict[str, str]:
-    return {
-        name: number(fact) if isinstance(fact, float) else str(fact)
-        for name, fact in message.facts.items()
-    }
+    """Return the facts as text: numbers of three digits, counts with separators."""
+    return {name: _fact_in_words(fact) for name, fact in message.facts.items()}
+
+
+def _fact_in_words(fact: Any) -> str:
+    if isinstance(fact, float):
+        return number(fact)
+    return f"{fact:,}" if isinstance(fact, int) else str(fact)
 
 
 def _off_color(several: Sequence[Message], _: str) -> str:
@@ -324,120 +328,79 @@ def _places_left_out(several: Sequence[Message], _: str) -> str:
     )
 
 
-def _saves_little(several: Sequence[Message], _: str) -> str:
-    finer = several[0].facts["finer"]
-    return f"{_lod(several)} save less than a fifth of the {finer:,} of the next finer LOD."
+# What is said of a LOD that was not made, by its facts.
+OF_LODS = {
+    MessageKind.SAVES_LITTLE: "save less than a fifth of the {finer} of the next finer LOD",
+    MessageKind.BESIDE_GIVEN: "save too little beside a given LOD of {given}",
+    MessageKind.DEVIATES_AS_MUCH: "deviate as much as {fewer} triangles, or more",
+    MessageKind.NEVER_ALIKE: "do not look like the character from any distance",
+    MessageKind.TOO_COARSE: (
+        "show more than the tolerance at any distance, for the camera is orthographic"
+    ),
+    MessageKind.TOO_FINE: (
+        "are more than the tolerance needs at any distance, for the camera is orthographic"
+    ),
+    MessageKind.BEGINS_TOO_FAR: (
+        "would begin {begin} m away, and the farthest agent is {farthest} m away"
+    ),
+    MessageKind.ENDS_TOO_NEAR: "would end {end} m away, and the nearest agent is {nearest} m away",
+    MessageKind.TOO_FEW: (
+        "are too few for all agents in {few} of the {frames} frames checked, and more than needed "
+        "in the others"
+    ),
+    MessageKind.NOT_WORTH_IT: "save too little memory and time in {engine} to be worth a LOD",
+}
 
 
-def _beside_given(several: Sequence[Message], _: str) -> str:
-    return f"{_lod(several)} save too little beside a given LOD of {several[0].facts['given']:,}."
-
-
-def _deviates_as_much(several: Sequence[Message], _: str) -> str:
-    return f"{_lod(several)} deviate as much as {several[0].facts['fewer']:,} triangles, or more."
-
-
-def _never_alike(several: Sequence[Message], _: str) -> str:
-    return f"{_lod(several)} do not look like the character from any distance."
-
-
-def _too_coarse(several: Sequence[Message], _: str) -> str:
-    return (
-        f"{_lod(several)} show more than the tolerance at any distance, for the camera is "
-        f"orthographic."
-    )
-
-
-def _too_fine(several: Sequence[Message], _: str) -> str:
-    return (
-        f"{_lod(several)} are more than the tolerance needs at any distance, for the camera is "
-        f"orthographic."
-    )
-
-
-def _begins_too_far(several: Sequence[Message], _: str) -> str:
-    begin, farthest = (number(several[0].facts[name]) for name in ("begin", "farthest"))
-    return (
-        f"{_lod(several)} would begin {begin} m away, and the farthest agent is {farthest} m away."
-    )
-
-
-def _ends_too_near(several: Sequence[Message], _: str) -> str:
-    end, nearest = (number(several[0].facts[name]) for name in ("end", "nearest"))
-    return f"{_lod(several)} would end {end} m away, and the nearest agent is {nearest} m away."
-
-
-def _too_few(several: Sequence[Message], _: str) -> str:
-    few, frames = (several[0].facts[name] for name in ("few", "frames"))
-    return (
-        f"{_lod(several)} are too few for all agents in {few} of the {frames} frames checked, and "
-        f"more than needed in the others."
-    )
-
-
-def _not_worth_it(several: Sequence[Message], _: str) -> str:
-    engine = several[0].facts["engine"]
-    return f"{_lod(several)} save too little memory and time in {engine} to be worth a LOD."
-
-
-def _lod(several: Sequence[Message]) -> str:
-    """Return whose LOD it is, and its triangles."""
+def _not_made(several: Sequence[Message], _: str) -> str:
     facts = several[0].facts
     about = "" if facts["measured"] else "About "
-    return f"{_subjects(several)}: {about}{facts['triangles']:,} triangles"
+    why = OF_LODS[several[0].kind].format(**_in_words(several[0]))
+    return f"{_subjects(several)}: {about}{facts['triangles']:,} triangles {why}."
 
 
-WORDS: dict[Kind, Callable[[Sequence[Message], str], str]] = {
-    Kind.OFF_COLOR: _off_color,
-    Kind.CHATTERS: _chatters,
-    Kind.STUCK: _stuck,
-    Kind.CHECKED_IN_PART: _checked_in_part,
-    Kind.RAISED: _raised,
-    Kind.OFF_ITS_SOLES: _off_its_soles,
-    Kind.UNKNOWN_EXTENT: _unknown_extent,
-    Kind.HEIGHT: _height,
-    Kind.STILL_POSES: _still_poses,
-    Kind.WITHOUT_FACES: _without_faces,
-    Kind.UNSAVED: _unsaved,
-    Kind.ROOT_MOTION: _root_motion,
-    Kind.FEET_SLIDE: _feet_slide,
-    Kind.NO_WALK: _no_walk,
-    Kind.GLIDES: _glides,
-    Kind.GLOWS: _glows,
-    Kind.IMAGE_MISSING: _image_missing,
-    Kind.SPEED: _speed,
-    Kind.CLIMBS: _climbs,
-    Kind.OFF_THE_GROUND: _off_the_ground,
-    Kind.OBSTACLE: _obstacle,
-    Kind.WITHIN_WALLS: _within_walls,
-    Kind.NO_TERRAIN: _no_terrain,
-    Kind.TERRAIN_OF_CHARACTERS: _terrain_of_characters,
-    Kind.TERRAIN_MOVES: _terrain_moves,
-    Kind.PLACES_LEFT_OUT: _places_left_out,
-    Kind.SAVES_LITTLE: _saves_little,
-    Kind.BESIDE_GIVEN: _beside_given,
-    Kind.DEVIATES_AS_MUCH: _deviates_as_much,
-    Kind.NEVER_ALIKE: _never_alike,
-    Kind.TOO_COARSE: _too_coarse,
-    Kind.TOO_FINE: _too_fine,
-    Kind.BEGINS_TOO_FAR: _begins_too_far,
-    Kind.ENDS_TOO_NEAR: _ends_too_near,
-    Kind.TOO_FEW: _too_few,
-    Kind.NOT_WORTH_IT: _not_worth_it,
+WORDS: dict[MessageKind, Callable[[Sequence[Message], str], str]] = {
+    MessageKind.OFF_COLOR: _off_color,
+    MessageKind.CHATTERS: _chatters,
+    MessageKind.STUCK: _stuck,
+    MessageKind.CHECKED_IN_PART: _checked_in_part,
+    MessageKind.RAISED: _raised,
+    MessageKind.OFF_ITS_SOLES: _off_its_soles,
+    MessageKind.UNKNOWN_EXTENT: _unknown_extent,
+    MessageKind.HEIGHT: _height,
+    MessageKind.STILL_POSES: _still_poses,
+    MessageKind.WITHOUT_FACES: _without_faces,
+    MessageKind.UNSAVED: _unsaved,
+    MessageKind.ROOT_MOTION: _root_motion,
+    MessageKind.FEET_SLIDE: _feet_slide,
+    MessageKind.NO_WALK: _no_walk,
+    MessageKind.GLIDES: _glides,
+    MessageKind.GLOWS: _glows,
+    MessageKind.IMAGE_MISSING: _image_missing,
+    MessageKind.SPEED: _speed,
+    MessageKind.CLIMBS: _climbs,
+    MessageKind.OFF_THE_GROUND: _off_the_ground,
+    MessageKind.OBSTACLE: _obstacle,
+    MessageKind.WITHIN_WALLS: _within_walls,
+    MessageKind.NO_TERRAIN: _no_terrain,
+    MessageKind.TERRAIN_OF_CHARACTERS: _terrain_of_characters,
+    MessageKind.TERRAIN_MOVES: _terrain_moves,
+    MessageKind.PLACES_LEFT_OUT: _places_left_out,
+    **dict.fromkeys(OF_LODS, _not_made),
 }
 # facts in which subjects of one sentence agree
 LOD = "measured", "triangles"
 APART = {
-    Kind.ROOT_MOTION: ("action",),
-    Kind.FEET_SLIDE: ("state", "stride"),
-    Kind.SAVES_LITTLE: (*LOD, "finer"),
-    Kind.BESIDE_GIVEN: (*LOD, "given"),
-    Kind.DEVIATES_AS_MUCH: (*LOD, "fewer"),
-    Kind.NEVER_ALIKE: LOD,
-    Kind.TOO_COARSE: LOD,
-    Kind.TOO_FINE: LOD,
-    Kind.BEGINS_TOO_FAR: (*LOD, "begin", "farthest"),
-    Kind.ENDS_TOO_NEAR: (*LOD, "end", "nearest"),
-    Kind.TOO_FEW: (*LOD, "few", "frames"),
-    Kind.NOT_WORTH_IT: (*LOD, "engine"),
+    MessageKind.ROOT_MOTION: ("action",),
+    MessageKind.FEET_SLIDE: ("state", "stride"),
+    MessageKind.SAVES_LITTLE: (*LOD, "finer"),
+    MessageKind.BESIDE_GIVEN: (*LOD, "given"),
+    MessageKind.DEVIATES_AS_MUCH: (*LOD, "fewer"),
+    MessageKind.NEVER_ALIKE: LOD,
+    MessageKind.TOO_COARSE: LOD,
+    MessageKind.TOO_FINE: LOD,
+    MessageKind.BEGINS_TOO_FAR: (*LOD, "begin", "farthest"),
+    MessageKind.ENDS_TOO_NEAR: (*LOD, "end", "nearest"),
+    MessageKind.TOO_FEW: (*LOD, "few", "frames"),
+    MessageKind.NOT_WORTH_IT: (*LOD, "engine"),
 }

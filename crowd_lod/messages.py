@@ -11,7 +11,7 @@ from enum import StrEnum, auto
 from typing import Any
 
 
-class Kind(StrEnum):
+class MessageKind(StrEnum):
     """What a message tells."""
 
     # of agents that a state machine moves
@@ -66,7 +66,7 @@ class Message:
     crowd: the name of the crowd, where there are several; "" if it is of all.
     """
 
-    kind: Kind
+    kind: MessageKind
     subject: str = ""
     facts: Mapping[str, Any] = field(default_factory=dict)
     remedy: str = ""
@@ -80,5 +80,7 @@ def to_json(messages: Iterable[Message]) -> str:
 def from_json(text: str) -> tuple[Message, ...]:
     """Return the messages that `to_json` has written; none from any other text."""
     with suppress(ValueError, TypeError, LookupError):  # a script may have put anything there
-        return tuple(Message(**row | {"kind": Kind(row["kind"])}) for row in json.loads(text))
+        return tuple(
+            Message(**row | {"kind": MessageKind(row["kind"])}) for row in json.loads(text)
+        )
     return ()

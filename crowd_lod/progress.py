@@ -31,7 +31,7 @@ def finished(steps: Generator[Any, None, Made]) -> Made:
             return end.value
 
 
-class Work:
+class Workload:
     """Work in parts: what it costs is announced, then the parts are done, and the progress follows.
 
     Costs are as the parts' times, in any unit. One that is announced later may set the progress

@@ -24,7 +24,7 @@ import numpy as np
 from ..crowd.agents import Crowd
 from ..crowd.maps import LabelMap
 from ..crowd.state_machine import StateMachine
-from ..messages import Kind, Message
+from ..messages import Message, MessageKind
 from .plain_step import advance
 
 
@@ -76,7 +76,9 @@ class Trouble:
             "column": int(self.column[0]),
             "row": int(self.row[0]),
         }
-        return Message(Kind.CHATTERS if self.kind == "chatters" else Kind.STUCK, facts=facts)
+        return Message(
+            MessageKind.CHATTERS if self.kind == "chatters" else MessageKind.STUCK, facts=facts
+        )
 
 
 def trouble(

@@ -11,7 +11,7 @@ import numpy as np
 from ..crowd.agents import Group
 from ..culling.camera import Camera
 from ..errors import CrowdError
-from ..messages import Kind, Message
+from ..messages import Message, MessageKind
 from ..progress import finished
 from .assignment import MOST_LEVELS, LevelPolicy, deviations, limits
 from .cost_model import NAMES, Actors, Costs, Holdings, Price, price, work_of
@@ -102,14 +102,14 @@ def choose(
         k = candidates[j]
         if (np.isfinite(edges[:, j + 1]) & (edges[:, j] >= edges[:, j + 1])).all():
             fewer = group.triangles[candidates[j + 1]]
-            dropped[k] = _not_made(Kind.DEVIATES_AS_MUCH, group, k, fewer=fewer)
+            dropped[k] = _not_made(MessageKind.DEVIATES_AS_MUCH, group, k, fewer=fewer)
         else:
             kind, facts = _unused(j, edges, views, meters)
             dropped[k] = _not_made(kind, group, k, **facts)
     return [k for k, needed in zip(candidates, is_used, strict=True) if needed or k == 0], dropped
 
 
-def _not_made(kind: Kind, group: Group, k: int, **facts: Any) -> Message:
+def _not_made(kind: MessageKind, group: Group, k: int, **facts: Any) -> Message:
     """Return why candidate `k` is not made."""
     lod = {"triangles": int(group.triangles[k]), "measured": True}
     return Message(kind, group.name, lod | facts)
@@ -127,11 +127,11 @@ def _worth_making(group: Group, given: Collection[int]) -> tuple[list[int], dict
         rivals = [group.triangles[n] for n in given if n > k and k not in given]
         rivals = [triangles for triangles in rivals if triangles > (1 - LEAST_SAVED) * count]
         if rivals:
-            dropped[k] = _not_made(Kind.BESIDE_GIVEN, group, k, given=int(rivals[0]))
+            dropped[k] = _not_made(MessageKind.BESIDE_GIVEN, group, k, given=int(rivals[0]))
         elif lower and k not in given:
-            dropped[k] = _not_made(Kind.DEVIATES_AS_MUCH, group, k, fewer=int(lower[0]))
+            dropped[k] = _not_made(MessageKind.DEVIATES_AS_MUCH, group, k, fewer=int(lower[0]))
         elif count > (1 - LEAST_SAVED) * finer:
-            dropped[k] = _not_made(Kind.SAVES_LITTLE, group, k, finer=int(finer))
+            dropped[k] = _not_made(MessageKind.SAVES_LITTLE, group, k, finer=int(finer))
         else:
             candidates.append(k)
     return candidates, dropped
@@ -139,7 +139,7 @@ def _worth_making(group: Group, given: Collection[int]) -> tuple[list[int], dict
 
 def _unused(
     j: int, edges: np.ndarray, views: Sequence[View], meters: float
-) -> tuple[Kind, dict[str, Any]]:
+) -> tuple[MessageKind, dict[str, Any]]:
     """Return why no agent uses candidate j: the kind of message, and its facts.
 
     The numbers are those of the view that comes closest to using it.
@@ -150,20 +150,20 @@ def _unused(
     nearest, farthest = np.array([(view.nearest, view.farthest) for view in views]).T
     coarse = begin > farthest
     if np.isinf(begin).all() and coarse.all() and views[0].camera.kind != "ORTHO":
-        return Kind.NEVER_ALIKE, {}
+        return MessageKind.NEVER_ALIKE, {}
     if np.isinf(begin).all() and coarse.all():
-        return Kind.TOO_COARSE, {}
+        return MessageKind.TOO_COARSE, {}
     if np.isinf(begin).all() and not coarse.any():
-        return Kind.TOO_FINE, {}
+        return MessageKind.TOO_FINE, {}
     if coarse.all():
         i = (begin / farthest).argmin()
         far = {"begin": float(meters * begin[i]), "farthest": float(meters * farthest[i])}
-        return Kind.BEGINS_TOO_FAR, far
+        return MessageKind.BEGINS_TOO_FAR, far
     if not coarse.any():
         i = (end / nearest).argmax()
         near = {"end": float(meters * end[i]), "nearest": float(meters * nearest[i])}
-        return Kind.ENDS_TOO_NEAR, near
-    return Kind.TOO_FEW, {"few": int(coarse.sum()), "frames": len(views)}
+        return MessageKind.ENDS_TOO_NEAR, near
+    return MessageKind.TOO_FEW, {"few": int(coarse.sum()), "frames": len(views)}
 
 
 @dataclass(frozen=True)
@@ -276,7 +276,8 @@ def cheapest(
     )
     dropped = [k for k in candidates if k not in best]
     return list(best), {
-        k: _not_made(Kind.NOT_WORTH_IT, group, k, engine=NAMES[shot.costs.engine]) for k in dropped
+        k: _not_made(MessageKind.NOT_WORTH_IT, group, k, engine=NAMES[shot.costs.engine])
+        for k in dropped
     }
 
 

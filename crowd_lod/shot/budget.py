@@ -15,7 +15,7 @@ from ..errors import CrowdError
 from ..levels.budget_fit import Budget
 from ..levels.cost_model import price
 from ..levels.least_tolerance import least_tolerance
-from ..progress import Work, open_ended_progress
+from ..progress import Workload, open_ended_progress
 from .shot import ShotPlan, decide, decided, objective, shared_table, solutions
 from .shot_cost import Bill, Shot, work_in
 from .survey import at_tolerance
@@ -104,7 +104,7 @@ def decide_within(
     limits = _limits(shot, budget)
     _check(shot, limits)
     further = 0.0 if budget == Budget() else TOLERATED + PLANNED + FITTED
-    work = Work(PLANNED + further)
+    work = Workload(PLANNED + further)
     plan = yield from work.take(decide(shot, avoid), PLANNED)
     if limits.hold(shot, plan.bill.agents_shown):
         return BudgetPlan(**vars(plan), tolerance=0.0)
@@ -187,7 +187,7 @@ def _within(shot: Shot, limits: _Limits, plan: ShotPlan) -> Generator[float, Non
     low = LEAST * plan.weight
     high = plan.weight
     weight = high
-    work = Work(STEPS)
+    work = Workload(STEPS)
     for _ in range(STEPS):
         bills = yield from work.take(_solutions(shot, plan.thresholds, weight, coarsest), 1)
         within += [found for found in bills if limits.hold(shot, found.agents_shown)]
@@ -213,7 +213,7 @@ def _solutions(
     if not thresholds.meshes_matter:
         bills, _ = yield from solving
         return bills
-    work = Work(2 + 1)  # rounds
+    work = Workload(2 + 1)  # rounds
     bills, _ = yield from work.take(solving, 2)
     table = shared_table(shot, thresholds, coarsest)
     levels, _ = yield from work.take(decided(shot, table, weight), 1)

@@ -6,7 +6,7 @@ from math import inf
 
 from ..format import number
 from ..levels.budget_fit import LIMITED, Budget
-from ..progress import Work
+from ..progress import Workload
 from .budget import relaxed
 from .shot_cost import Bill, Shot
 
@@ -39,7 +39,7 @@ def find_points(
     """
     points: dict[tuple, BudgetPoint] = {}
     pixels = [*(factor * (tolerance or 1.0) for factor in FACTORS), inf]
-    work = Work(len(pixels))
+    work = Workload(len(pixels))
     for most in pixels:
         wide = relaxed(shot, most)
         least = Bill(wide, wide.coarsest)

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..animation.phase_classes import Gaits
 from ..crowd.agents import CLASSES, FEWEST_CLASSES
-from ..progress import Work, open_ended_progress
+from ..progress import Workload, open_ended_progress
 from .meetings import Changes, Meetings, changes_of, meetings_of
 from .phases import NEAREST, Phases, palette
 from .survey import SEEN, Survey
@@ -93,7 +93,7 @@ def plan_phases(
         return _crowded(meetings, phases, family)
 
     fewest = _in_few_classes(meetings, changes, limit, fixed, family, crowded)
-    work = Work(FEWEST + NEARED)
+    work = Workload(FEWEST + NEARED)
     phases = yield from work.take(open_ended_progress(fewest, ROUNDS), FEWEST)
     nearing = _near_in_fewer(survey, meetings, phases, fixed, crowded)
     phases = yield from work.take(open_ended_progress(nearing, MOST_ROUNDS), NEARED)

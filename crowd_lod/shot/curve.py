@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..levels.cost_model import price
-from ..progress import Work
+from ..progress import Workload
 from .shot import ShotPlan, sampled, solved
 from .shot_cost import Bill, Shot, work_in
 from .survey import Survey, at_tolerance
@@ -83,7 +83,7 @@ def curve_of(shot: Shot, plan: ShotPlan, tolerance: float | None) -> Generator[f
     for pixels in (factor * (tolerance or 1.0) for factor in TOLERANCES):
         within = Bill(sample, at_tolerance(survey, bounds, pixels).coarsest)
         points.append(point("tolerance", within, pixels))
-    work = Work(SWEPT + len(WEIGHTS))
+    work = Workload(SWEPT + len(WEIGHTS))
     yield work.did(SWEPT)
     for factor in WEIGHTS:
         other, _ = yield from work.take(solved(sample, thresholds, factor * plan.weight), 1)

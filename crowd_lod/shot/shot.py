@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..levels import cost_model
-from ..progress import Work
+from ..progress import Workload
 from .cells import TOGETHER, Block
 from .shot_cost import NOTICED, UNSEEN, Bill, Shot, work_in
 
@@ -161,7 +161,7 @@ def decided(
     blocks = survey.cells.blocks
     _ = shot.allowed  # found once, before threads ask for it
     programs = survey.by_block(lambda block: program(shot, choices, weight, block))
-    work = Work(len(blocks))
+    work = Workload(len(blocks))
     for block, (block_levels, paid) in zip(blocks, programs, strict=True):
         block.table(levels)[:] = block_levels
         cost += paid
@@ -199,7 +199,7 @@ def decide(shot: Shot, avoid: float = 0.05) -> Generator[float, None, ShotPlan]:
     few = SHARING if limit.thresholds.meshes_matter else SAMPLE
     sample, _ = sampled(shot, max(few, len(shot.survey.group) // 100))
     sample_limit = limit if sample is shot else _limit(sample, avoid)
-    work = Work(SEARCHED + SOLVED + BOUNDED)
+    work = Workload(SEARCHED + SOLVED + BOUNDED)
     weight, solution = yield from work.take(_search_weight(sample_limit), SEARCHED)
     for step in range(STEPS):
         if solution is None or step or sample is not shot:
@@ -277,7 +277,7 @@ def _search_weight(limit: Limit) -> Generator[float, None, tuple[float, Solution
     low = unit * FACTOR**-STEPS
     high = unit * FACTOR**STEPS
     best = None
-    work = Work(2 * STEPS)
+    work = Workload(2 * STEPS)
     for _ in range(2 * STEPS):
         middle = float(np.sqrt(low * high))
         solution = yield from work.take(solved(shot, thresholds, middle), 1)
@@ -314,7 +314,7 @@ def solutions(
     a mesh, as if all that may show it did. In the second the meshes of the first cost next to
     nothing, and all others their whole price. In the third each character shows one LOD in a frame.
     """
-    work = Work(2 if thresholds.meshes_matter else 1)
+    work = Workload(2 if thresholds.meshes_matter else 1)
     table = _table(shot, thresholds.mesh_shares)
     levels, shared = yield from work.take(decided(shot, table, weight), 1)
     first = Bill(shot, levels)

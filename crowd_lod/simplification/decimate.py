@@ -143,8 +143,12 @@ def _best(
 ) -> Generator[None, None, Collapsed]:
     """Collapse edges, then fit the surface; yields between the steps.
 
-    mesh: of unit size, with n points; seams: (k, 2); target: triangles wanted; effort: part of Settings.moves; weight: (n,), see decimating(). Returns the points left;
-    `follows` tells something with a skin only.
+    mesh: of unit size, with n points.
+    seams: (k, 2).
+    target: triangles wanted.
+    effort: part of Settings.moves.
+    weight: (n,), see decimating().
+    Returns the points left; `follows` tells something with a skin only.
 
     Work is counted, not timed: the same mesh gives the same LOD. fast-simplification knows no
     poses, and takes the rings of a straight elbow first: it goes less far, in the pose that bends

@@ -35,8 +35,11 @@ def collapse(
 ) -> Generator[None, None, Collapsed]:
     """Collapse edges until at most `target` faces are left, or as few as may be.
 
-    mesh: of n points, about of unit size; quadrics: (11, n); normals: (n, 3). With `poses` the errors in these add to that at rest. Source: Mohr, Gleicher, "Deformation
-    sensitive decimation", 2003.
+    mesh: of n points, about of unit size.
+    quadrics: (11, n).
+    normals: (n, 3).
+    poses: the errors in these add to that at rest. Source: Mohr, Gleicher, "Deformation sensitive
+        decimation", 2003.
 
     Yields between the rounds. Returns the mesh with all n points, whose indices stay; of an edge's
     two it moves with the nearer. No collapse opens, closes, pinches or folds the surface; each part

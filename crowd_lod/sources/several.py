@@ -12,7 +12,7 @@ from ..crowd.maps import Area
 from ..crowd.paces import Paces
 from ..crowd.velocity_bounds import STANDING, VelocityBounds
 from ..errors import CrowdError
-from ..progress import Work
+from ..progress import Workload
 from .reused_columns import ReusedColumns
 from .trajectory import States, Trajectory
 
@@ -150,7 +150,7 @@ class Several(Trajectory):
         self, time: float, then: Callable[[], object] = lambda: None
     ) -> Generator[float, None, None]:
         """Do what `at` needs, crowd by crowd."""
-        work = Work(sum(self.shown))
+        work = Workload(sum(self.shown))
         for member, is_shown in zip(self.members, self.shown, strict=True):
             if is_shown:
                 yield from work.take(member.approach(time), 1)

@@ -136,9 +136,9 @@ class Trajectory(ABC):
         return float(max(steps))
 
     def tilt(self, crowd: Crowd, agents: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return (pitch, roll) of `agents` (m,) who stand square on their ground; see height_map.lean.
+        """Return (pitch, roll) of `agents` (m,) who stand square on their ground.
 
-        Each is (m,) float32, radians. None if all stand upright.
+        Each is (m,) float32, radians; see height_map.lean. None if all stand upright.
         """
         return None
 

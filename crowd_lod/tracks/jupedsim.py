@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import CrowdError
 from ..format import printable
-from ..progress import Cancelled, Work, check_cancelled
+from ..progress import Cancelled, Workload, check_cancelled
 from .rows import MOST_ROWS, Rows
 
 MAGIC = b"SQLite format 3\0"
@@ -108,7 +108,7 @@ def _read_rows(
         )
     rows = database.execute(f"SELECT {', '.join(NAMES)} FROM trajectory_data ORDER BY rowid")
     rows.arraysize = ROWS_AT_ONCE
-    work = Work(count)
+    work = Workload(count)
     for at in range(0, count, ROWS_AT_ONCE):
         size = min(ROWS_AT_ONCE, count - at)
         yield np.fromiter(rows, ROW, size)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import CrowdError
-from ..progress import Work, check_cancelled
+from ..progress import Workload, check_cancelled
 from .layout import ENDS, LONGEST_LINE, Table, layout_of, long_line, split_row
 from .rows import GREATEST, RATES, Rows, check_range, check_rate
 
@@ -37,7 +37,7 @@ def read_text(
     table = layout_of(data, where, columns_asked)
     parts: dict[str, list[np.ndarray]] = {name: [] for name in table.columns}
     commas: set[bool] = set()
-    work = Work(len(data) - table.begins)
+    work = Workload(len(data) - table.begins)
     for part, line in _parts(data, table.begins, where):
         for name, values in _values(part, table, where, line, commas).items():
             parts[name].append(values)

@@ -9,7 +9,7 @@ from ...crowd_lod.culling import stereo
 from ...crowd_lod.culling.camera import Camera, Window, lens_blur, referential, window
 from ...crowd_lod.culling.shutter import open_shutter
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.progress import Work, finished
+from ...crowd_lod.progress import Workload, finished
 from .frame_stepping import At, stage, step_frames
 from .ownership import is_ours
 from .scene_data import EEVEE, meters, remap
@@ -331,7 +331,7 @@ def reading_cameras(
         ):
             return (yield from reading_cameras(scene, times, camera, at))
     views = []
-    work = Work(len(times))
+    work = Workload(len(times))
     for time, film in zip(times, films, strict=True):
         views.append(cameras_from(scene, film, at({*films, *eyes}, time)))
         yield work.did(1)

@@ -103,7 +103,7 @@ class Content(NamedTuple):
     others: tuple[bpy.types.ID, ...]
 
 
-class Kind(NamedTuple):
+class Readable(NamedTuple):
     """What is read of a kind of struct: names of its properties. Of settings of ours it is all.
 
     columns: (name, numbers, NumPy type) of a struct of POINTS; () of others.
@@ -118,7 +118,7 @@ class Kind(NamedTuple):
 
 
 # By identifier: to look through the properties of each bone took a third of a character's digest.
-_kinds: dict[str, Kind] = {}
+_kinds: dict[str, Readable] = {}
 
 
 def read_content(block: bpy.types.ID) -> Content:
@@ -224,14 +224,14 @@ def _still(name: str, value, moved: set[tuple[str, int]]) -> list:
     return [None if (name, k) in moved else each for k, each in enumerate(values)]
 
 
-def kind_of(struct: bpy.types.Struct) -> Kind:
+def kind_of(struct: bpy.types.Struct) -> Readable:
     """Return what is read of the struct; it is kept."""
     if struct.identifier not in _kinds:
         _kinds[struct.identifier] = _look_through(struct)
     return _kinds[struct.identifier]
 
 
-def _look_through(struct: bpy.types.Struct) -> Kind:
+def _look_through(struct: bpy.types.Struct) -> Readable:
     bases = {base.identifier for base in _bases(struct)}
     only = next((ONLY[base] for base in bases & ONLY.keys()), ())
     names: dict[str, list[str]] = {
@@ -253,7 +253,7 @@ def _look_through(struct: bpy.types.Struct) -> Kind:
     is_point = struct.identifier in POINTS or struct.identifier.endswith("AttributeValue")
     if not is_point or any(not number for *_, number in columns):
         columns = []
-    return Kind(*map(tuple, names.values()), tuple(columns))
+    return Readable(*map(tuple, names.values()), tuple(columns))
 
 
 def _bases(struct: bpy.types.Struct | None) -> Iterator[bpy.types.Struct]:

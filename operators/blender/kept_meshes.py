@@ -87,8 +87,8 @@ def evaluated_meshes(
     """Yield (object, evaluated mesh, the same as arrays in world space) of each shape.
 
     These are those of the objects themselves, and of all that they instance. The evaluated mesh is
-    valid until the next. Triangles of mirrored objects are turned, so that they face as Blender shows
-    them.
+    valid until the next. Triangles of mirrored objects are turned, to face as Blender shows them.
+
     CrowdError if a vertex is at NaN or infinity.
     """
     owners = set(objects)

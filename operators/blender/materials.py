@@ -58,7 +58,7 @@ def sockets_of(tree: bpy.types.NodeTree | None, *kinds: str) -> list[bpy.types.N
 
 
 def inputs_before(link: bpy.types.NodeLink) -> list[bpy.types.NodeSocket]:
-    """Return the inputs of the node that `link` comes from; of a group, those of its outputs too."""
+    """Return the inputs of the node that `link` comes from, and of a group's outputs."""
     node = link.from_node
     inside = node.node_tree if node.type == "GROUP" and not node.mute else None
     return [*node.inputs, *sockets_of(inside, "OUTPUT_MATERIAL", "GROUP_OUTPUT")]
@@ -110,6 +110,12 @@ def images_in(material: bpy.types.Material) -> set[bpy.types.Image]:
     ends = sockets_of(material.node_tree, "OUTPUT_MATERIAL", "OUTPUT_AOV")
     nodes = (node for node in reached_nodes(ends) if node.type == "TEX_IMAGE")
     return {node.image for node in nodes} - {None}
+
+
+def images_of(items: Iterable[bpy.types.Object]) -> set[bpy.types.Image]:
+    """Return the images in the materials of the objects `items`."""
+    materials = {slot.material for item in items for slot in item.material_slots} - {None}
+    return set().union(*map(images_in, materials))
 
 
 def is_opaque(material: bpy.types.Material | None) -> bool:

@@ -36,7 +36,7 @@ class _Known:
 
 
 _known: dict[int, _Known] = scene_cache.add_cache({})  # by session_uid
-_told: dict[tuple, str] = scene_cache.add_cache({})  # see told
+_told: dict[tuple, str] = scene_cache.add_cache({})  # see known_digest
 changes = 0  # that Blender has reported so far, undo steps included
 _listening = True  # whether Blender's reports count, see unedited
 
@@ -212,7 +212,7 @@ def palette_of(items: Sequence[bpy.types.Object]) -> dict[bpy.types.Material | N
     return {material: number for number, material in enumerate(materials)}
 
 
-def told(key: tuple, read: Callable[[], object]) -> str:
+def known_digest(key: tuple, read: Callable[[], object]) -> str:
     """Return the digest of what `read` returns, the known one of this key until `look_afresh`."""
     if key not in _told:
         _told[key] = text_digest(read())

@@ -7,7 +7,7 @@ import numpy as np
 
 from ...crowd_lod.crowd.agents import Action, Group
 from ...crowd_lod.crowd.state_machine import StateMachine
-from ...crowd_lod.messages import Kind, Message
+from ...crowd_lod.messages import Message, MessageKind
 from ..blender import scene_data
 from ..blender.named_actions import action_names
 from ..machine.scene_world import machine_of
@@ -40,7 +40,7 @@ def _root_motion(
     """Yield a message on what an action moves, or the group's own animation, ""."""
     if way:
         facts = {"action": action, "way": float(way * scene_data.meters(scene))}
-        yield Message(Kind.ROOT_MOTION, group.name, facts)
+        yield Message(MessageKind.ROOT_MOTION, group.name, facts)
 
 
 def _slides(
@@ -68,7 +68,7 @@ def _slides(
             "stride": bool(action.stride),
             "fits": float(feet if action.stride else feet / action.period),
         }
-        yield Message(Kind.FEET_SLIDE, group.name, facts)
+        yield Message(MessageKind.FEET_SLIDE, group.name, facts)
 
 
 def _title(group: Group, action: Action) -> str:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import bpy
 import numpy as np
 
-from ...crowd_lod.progress import Work
+from ...crowd_lod.progress import Workload
 from ..blender import removal
 from ..blender.animation import armatures_of
 from ..blender.object_copies import copy_unlinked
@@ -68,7 +68,7 @@ def record(
         bones = {rig.name: Bones() for rig in armatures}
         places = {item: [] for item in actors}
         bone_names = {rig: deforming(rig, list(actors)) for rig in armatures}
-        work = Work(len(times))
+        work = Workload(len(times))
         for time in times:
             performance.go_to(stage, time)
             depsgraph = stage.view_layers[0].depsgraph

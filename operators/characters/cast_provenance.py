@@ -124,7 +124,7 @@ def _plays(scene: bpy.types.Scene, name: str, objects: list[bpy.types.Object]) -
     """Return the digests of how a character moves, and of the actions that states name for it."""
     motion = provenance.character_motion(objects)
     names = actions_named(scene, name)
-    of_actions = provenance.told(
+    of_actions = provenance.known_digest(
         (name, motion, names),
         lambda: performance.digest(named_actions.performance_of(name, objects, names).parts),
     )

@@ -11,8 +11,8 @@ import numpy as np
 from ...crowd_lod.crowd.bounding_spheres import bounding_sphere
 from ...crowd_lod.crowd.sole import ground_of, sole_of
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.mesh import Mesh, join
-from ...crowd_lod.progress import Work
+from ...crowd_lod.mesh import EMPTY, Mesh, join
+from ...crowd_lod.progress import Workload
 from ..blender import mesh_data
 from ..blender.animation import armatures_of
 from ..blender.materials import source_of
@@ -85,7 +85,7 @@ def sole(actors: Actors, depsgraph: bpy.types.Depsgraph) -> tuple[float, float]:
 
     Nobody stands on what is in a hand, however wide it is.
     """
-    parts = [Mesh(np.empty((0, 3)), np.empty((0, 3), np.int32))]
+    parts: list[Mesh] = [EMPTY]
     lowest = np.inf
     in_hands = {item for item in actors if is_held(item)}
     for item, actor in actors.items():
@@ -117,7 +117,7 @@ def posing(
     """
     performance = performance or own_performance(objects)
     poses = []
-    work = Work(len(frames))
+    work = Workload(len(frames))
     with as_rendered(objects) as (stage, actors), performance:
         for item in armatures_of(objects):
             stage.collection.objects.link(item)

@@ -7,7 +7,7 @@ import bpy
 
 from ...crowd_lod.crowd.agents import MOST_GROUPS, Group
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.messages import Kind, Message
+from ...crowd_lod.messages import Message, MessageKind
 from ..blender import stored_values
 from ..blender.character_objects import WITHOUT_FACES, is_stage, may_have_faces, parts
 from ..blender.ownership import OWNED
@@ -165,7 +165,7 @@ def notes_on_left_out(scene: bpy.types.Scene) -> Iterator[Message]:
     for item in sorted(members, key=lambda item: item.name):
         if item.type in WITHOUT_FACES and not item.hide_render:
             what = WITHOUT_FACES[item.type]
-            yield Message(Kind.WITHOUT_FACES, item.name, {"what": what})
+            yield Message(MessageKind.WITHOUT_FACES, item.name, {"what": what})
 
 
 def notes_on_unsaved(characters: Characters) -> Iterator[Message]:
@@ -175,7 +175,7 @@ def notes_on_unsaved(characters: Characters) -> Iterator[Message]:
     shapes = [item for _, objects, _ in characters for item in objects]
     for item in sorted(closure_of(shapes), key=lambda item: item.name):
         if not item.users and item.library is None:
-            yield Message(Kind.UNSAVED, item.name)
+            yield Message(MessageKind.UNSAVED, item.name)
 
 
 def check_measured(cast: Sequence[tuple], groups: Sequence[Group]) -> None:

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import bpy
 
-from ...crowd_lod.messages import Kind, Message
+from ...crowd_lod.messages import Message, MessageKind
 from ..blender.materials import emits
 from .characters import characters_of
 
@@ -37,4 +37,4 @@ def notes_on_glow(scene: bpy.types.Scene) -> Iterator[Message]:
     """Yield messages on characters whose materials light others."""
     for name, materials in glowing(scene).items():
         facts = {"material": materials[0].name, "stays": scene.crowd_lod.shadows}
-        yield Message(Kind.GLOWS, name, facts)
+        yield Message(MessageKind.GLOWS, name, facts)

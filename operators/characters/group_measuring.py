@@ -12,7 +12,7 @@ from ...crowd_lod.crowd.agents import Action, Group
 from ...crowd_lod.crowd.maps import FARTHEST
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import number
-from ...crowd_lod.progress import Work, finished, run_in_thread
+from ...crowd_lod.progress import Workload, finished, run_in_thread
 from ..blender import scene_data, stored_values
 from ..blender.named_actions import performance_of
 from ..blender.performance import Part, Performance
@@ -57,7 +57,7 @@ def measuring_groups(
         earlier = {group.name: group for group in groups_of(scene.crowd_lod)}
     groups: dict[str, Group] = {}
     cast = all_characters(scene)
-    work = Work(len(cast))
+    work = Workload(len(cast))
     for character in cast:
         base = groups.get(character.variant_of)
         measuring = _measuring_group(scene, character, base, reaches.get(character.name))
@@ -90,7 +90,7 @@ def _measuring_group(
     performance = performance_of(name, objects, actions_named(scene, name))
     on_ground = stands(scene.crowd_lod, name)
     acts: list[Act] = []
-    work = Work(1)
+    work = Workload(1)
     if reach is not None and len(performance.parts) == 1:
         low, center, radius, girth = reach
     else:
@@ -163,7 +163,7 @@ def _acted(
     `posing`.
     """
     acts = []
-    work = Work(5 * len(performance.spans))
+    work = Workload(5 * len(performance.spans))
     for span in performance.spans:
         poses = yield from work.take(posing(objects, frames_of(*span), performance), 4)
         soles: list[tuple[float, float]] = []

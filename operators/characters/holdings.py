@@ -8,7 +8,7 @@ import numpy as np
 
 from ...crowd_lod.animation.phase_classes import Gaits, Library
 from ...crowd_lod.levels.cost_model import Holdings
-from ...crowd_lod.progress import Work
+from ...crowd_lod.progress import Workload
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender.mesh_data import count_triangles
 from ..blender.named_actions import group_performance
@@ -104,7 +104,7 @@ def holdings_of(
     rigs, bones = armatures(characters, groups, lead)
     live_keys = np.zeros(len(groups))
     baked_keys: list[dict[int, float]] = []
-    work = Work(len(groups))
+    work = Workload(len(groups))
     for g, (_, objects, _) in enumerate(characters):
         baked_keys.append({})
         if rigged[g] and lead[g] == g:

@@ -6,18 +6,17 @@ from pathlib import Path
 import bpy
 
 from ...crowd_lod.format import printable
-from ...crowd_lod.messages import Kind, Message
-from ..blender.materials import images_in
+from ...crowd_lod.messages import Message, MessageKind
+from ..blender.materials import images_of
 from .rig_needs import Characters
 
 
 def notes_on_images(characters: Characters) -> Iterator[Message]:
     """Yield messages on the characters' images whose files are missing."""
     for name, objects, _ in characters:
-        materials = {slot.material for item in objects for slot in item.material_slots}
-        images = set().union(*map(images_in, materials - {None}))
-        if paths := sorted(printable(_path_of(image)) for image in images if _is_missing(image)):
-            yield Message(Kind.IMAGE_MISSING, name, {"paths": paths})
+        missing = filter(_is_missing, images_of(objects))
+        if paths := sorted(printable(_path_of(image)) for image in missing):
+            yield Message(MessageKind.IMAGE_MISSING, name, {"paths": paths})
 
 
 def _path_of(image: bpy.types.Image) -> Path:

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import bpy
 
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.messages import Kind, Message
+from ...crowd_lod.messages import Message, MessageKind
 from ..blender.animation import armatures_of
 from ..blender.labeled_properties import StringProperty
 from ..blender.named_actions import own_performance
@@ -65,10 +65,12 @@ def notes_on_gliding(scene: bpy.types.Scene) -> Iterator[Message]:
             "walk": fit.action.name,
             "by_name": is_called_a_walk(fit.action),
         }
-        yield Message(Kind.NO_WALK, name, facts, remedy)
+        yield Message(MessageKind.NO_WALK, name, facts, remedy)
     for name, rig in gliding(scene).items():
         fit = best(rig, [])
-        yield Message(Kind.GLIDES, name, {"fit": "" if fit is None else fit.action.name}, remedy)
+        yield Message(
+            MessageKind.GLIDES, name, {"fit": "" if fit is None else fit.action.name}, remedy
+        )
 
 
 class CROWDLOD_OT_take_action(Reporting, bpy.types.Operator):

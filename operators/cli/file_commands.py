@@ -12,7 +12,7 @@ from ... import sample_scenes
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
 from ...crowd_lod.frame.frame_range import parse_frames
-from ...crowd_lod.progress import Work
+from ...crowd_lod.progress import Workload
 from ...crowd_lod.reporting import files, tables
 from ..blender import console, frame_stepping
 from ..blender.output_folders import output_file
@@ -203,7 +203,7 @@ def _building(
     """
     scene = crowd.scene
     costs = estimate(scene, frames or (), args.bake)
-    work = Work(10)  # of which building takes most
+    work = Workload(10)  # of which building takes most
     predicted = yield from work.take(costs, 3)
     if not args.quiet:
         print(predicted.sentence, file=sys.stderr)

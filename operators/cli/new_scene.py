@@ -12,7 +12,7 @@ from ...crowd_lod.culling.framing import framing
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
 from ...crowd_lod.frame.frame_range import spread_evenly
-from ...crowd_lod.progress import Work
+from ...crowd_lod.progress import Workload
 from ...crowd_lod.reporting import files
 from ...crowd_lod.sources.recorded import Recorded
 from ..blender import cameras, console, removal, scene_data
@@ -253,7 +253,7 @@ def _add_ground(scene: bpy.types.Scene, path: Path) -> bpy.types.Collection:
 
 def _filled(scene: bpy.types.Scene) -> Generator[float, None, str]:
     """Populate the scene, add camera and light: yield the progress, return a sentence."""
-    work = Work(2)  # populating takes about as long as looking where agents are
+    work = Workload(2)  # populating takes about as long as looking where agents are
     sentence, warnings = yield from work.take(populate_scene(scene), 1)
     if scene.crowd_lod.source == "FILE":
         trajectory = trajectory_of(scene)
@@ -287,7 +287,7 @@ def _places(scene: bpy.types.Scene) -> Generator[float, None, np.ndarray]:
     """Find where agents are all over the shot: yield the progress, return (n, 3) float64."""
     frames = spread_evenly(range(scene.frame_start, scene.frame_end + 1), LOOKS)
     places = []
-    work = Work(len(frames))
+    work = Workload(len(frames))
     for frame in frames:
         scene.frame_set(frame)
         trajectory = trajectory_of(scene)

@@ -14,7 +14,7 @@ from ...crowd_lod import __version__
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import byte_size, counted, printable
 from ...crowd_lod.frame.frame_range import shot_frames
-from ...crowd_lod.progress import Work
+from ...crowd_lod.progress import Workload
 from ...crowd_lod.reporting import files
 from ...crowd_lod.reporting.farm_job import FarmJob, template, values
 from ..blender import console
@@ -163,7 +163,7 @@ class CROWDLOD_OT_write_farm_job(Stepwise, bpy.types.Operator):
         job = job_of(path.name, frames, scene.crowd_lod.farm_chunk)
         folder = output_folder(scene, "farm")
         paths = outside_files()
-        work = Work(10)
+        work = Workload(10)
         yield work.did(1)
         # the copy's relative paths are seen from the place where it stays
         with files.staged_file(folder / path.name) as copy, console.quiet():

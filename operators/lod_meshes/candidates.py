@@ -19,7 +19,7 @@ from ...crowd_lod.levels.lengths import (
     in_gaps,
 )
 from ...crowd_lod.levels.selection import View
-from ...crowd_lod.progress import Work
+from ...crowd_lod.progress import Workload
 from ..blender import removal, stored_values
 from ..blender.material_colors import Looks
 from ..blender.mesh_data import count_triangles
@@ -145,7 +145,7 @@ class Ladder:
 
     def read(self) -> Iterator[float]:
         digests = []
-        work = Work(2 * len(self.objects))
+        work = Workload(2 * len(self.objects))
         for item in self.objects:
             source = sources.read_source(item)
             self.sources.append(source)
@@ -280,7 +280,7 @@ class Ladder:
         elif goal in self.given:
             yield from self._measure_given(goal)
         else:
-            work = Work(10)
+            work = Workload(10)
             counts = yield from work.take(self._make(goal), 4)
             k = self.goals.index(goal)
             steps = self.judge.level(list(self.homes[goal].objects), k)
@@ -291,7 +291,7 @@ class Ladder:
 
     def _measure_given(self, goal: float) -> Iterator[float]:
         """Measure a LOD that was given, by tolerance in further frames as well."""
-        work = Work(10 if self.searched else 7)
+        work = Workload(10 if self.searched else 7)
         counts = yield from work.take(self._make(goal))
         level = list(self.homes[goal].objects)
         deviation = yield from work.take(self.judge.level(level, self.goals.index(goal)), 7)
@@ -309,7 +309,7 @@ class Ladder:
             lod = self.given[goal]
             self._keep(goal, lod.objects, copy_given(self.name, lod, self.objects))
             return self.counts[goal]
-        work = Work(len(self.sources))
+        work = Workload(len(self.sources))
         yield from work.take(self._read_skins())
         is_whole = self._is_whole(goal)
         parts = []  # (object, vertices, triangles)
@@ -336,7 +336,7 @@ class Ladder:
 
     def _seek(self, length: float) -> Iterator[float]:
         """Search for the LOD that deviates by `length` at most."""
-        work = Work(1)
+        work = Workload(1)
         if self.search is None:
             yield from work.take(self._read_skins())
             self.search = Search(self.sources, make_object, self.judge)

@@ -9,7 +9,7 @@ from mathutils.kdtree import KDTree
 
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.progress import Work, run_in_thread
+from ...crowd_lod.progress import Workload, run_in_thread
 from ...crowd_lod.simplification.distance_estimate import estimate_distances
 from ..blender.material_colors import Looks
 from ..blender.named_actions import performance_of
@@ -92,7 +92,7 @@ class Measure:
         """
         if self.character is not None:
             return
-        work = Work(10)
+        work = Workload(10)
         yield from work.take(self.choose_frames())
         shapes = yield from work.take(read_shapes(self.objects, self.frames, self.performance), 3)
         diagonals = yield from work.take(run_in_thread(lambda: _diagonals(shapes)))
@@ -185,7 +185,7 @@ class Measure:
         Returns (deviation, bound, root mean square, moment of the worst pose), meters. CrowdError
         if either has no face in any pose.
         """
-        work = Work(10)
+        work = Workload(10)
         yield from work.take(self.read(), 2)
         shapes = yield from work.take(read_shapes(objects, self.frames, self.performance), 2)
         surfacing = run_in_thread(lambda: PosedSurface(shapes, self.character))
@@ -223,7 +223,7 @@ class Measure:
             or any(len(lod.runs) > 1 for lod in lods)
         ):
             return rows
-        work = Work(10)
+        work = Workload(10)
         pairs = yield from work.take(run_in_thread(lambda: _watched_pairs(self.character, lods)))
         with Posed(self.objects, [levels[k] for k in indices], self.performance) as posed:
             off = yield from work.take(look_at(posed, moments, pairs), 8)
@@ -283,7 +283,7 @@ def measure(
     Returns the group with deviations and bounds.
     """
     by = Measure(group.name, objects, actions)
-    work = Work((1 + LOOKED) * len(levels))
+    work = Workload((1 + LOOKED) * len(levels))
     rows = []
     for k, level in enumerate(levels):
         rows.append((yield from work.take(by.level(level, k), 1)))
@@ -350,7 +350,7 @@ def measure_levels(scene: bpy.types.Scene) -> Iterator[float]:
         )
     group_by_name = {group.name: group for group in groups_of(settings)}
     measured = []
-    work = Work(len(characters))
+    work = Workload(len(characters))
     for g, (name, objects, _) in enumerate(characters):
         if name not in group_by_name:
             raise CrowdError(

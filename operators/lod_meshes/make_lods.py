@@ -11,7 +11,7 @@ from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.crowd.bounding_spheres import cover_sizes
 from ...crowd_lod.format import number
 from ...crowd_lod.messages import Message, to_json
-from ...crowd_lod.progress import Work, run_in_thread
+from ...crowd_lod.progress import Workload, run_in_thread
 from ..blender import removal, scene_data
 from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED, remove_owned
@@ -89,7 +89,7 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
     copied = scene_data.is_shared(scene, "levels")
     earlier = None if copied else settings.levels
     before = blocks_now()
-    work = Work(lod_seconds(scene))
+    work = Workload(lod_seconds(scene))
     yield from work.take(reading_afresh(scene))
     measured = measured_parts(scene)
     made_for = lod_parts(scene)
@@ -161,7 +161,7 @@ def _read_characters(
     scene: bpy.types.Scene,
     characters: Sequence[Character],
     earlier: bpy.types.Collection | None,
-    work: Work,
+    work: Workload,
 ) -> Iterator[float]:
     """Read and measure the characters; yields the progress.
 
@@ -211,7 +211,7 @@ def _choose(
     ladders: list[Ladder],
     groups: Sequence[Group],
     shots: list,
-    work: Work,
+    work: Workload,
 ) -> Iterator[float]:
     """Choose LODs, some by what is guessed of them; yields the progress.
 
@@ -265,7 +265,7 @@ def _make_missing(
     ladders: list[Ladder],
     keep: Sequence[Sequence[int]],
     earlier: bpy.types.Collection | None,
-    work: Work,
+    work: Workload,
 ) -> Iterator[float]:
     """Find the candidates to `keep` of each ladder, or make them.
 

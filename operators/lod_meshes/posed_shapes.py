@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ...crowd_lod.mesh import Mesh, join
-from ...crowd_lod.progress import Work
+from ...crowd_lod.mesh import EMPTY, Mesh, join
+from ...crowd_lod.progress import Workload
 from ..blender import mesh_data
 from ..blender.materials import is_opaque
 from ..blender.named_actions import own_performance
@@ -85,7 +85,7 @@ class Posed:
 
 
 def _shape(objects: list[bpy.types.Object], depsgraph: bpy.types.Depsgraph) -> PosedMesh:
-    parts = [Mesh(np.empty((0, 3)), np.empty((0, 3), np.int32))]
+    parts: list[Mesh] = [EMPTY]
     hiding = [np.empty(0, bool)]
     matrices = []
     for item in objects:
@@ -115,7 +115,7 @@ def read_shapes(
     Yields the progress.
     """
     shapes = []
-    work = Work(len(frames))
+    work = Workload(len(frames))
     with Posed(objects, (), performance) as posed:
         for frame in frames:
             shapes += posed.shapes(frame)

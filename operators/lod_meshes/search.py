@@ -14,7 +14,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.levels.lengths import read_curve
-from ...crowd_lod.progress import Work, run_in_thread
+from ...crowd_lod.progress import Workload, run_in_thread
 from .deviation import Estimate, Measure
 from .dispensable import find_dispensable
 from .level_objects import LEAST, discard
@@ -213,7 +213,7 @@ class Search:
         Yields the progress. Returns its objects and what was measured of them. Where none fits,
         these are the character's own.
         """
-        work = Work(1)
+        work = Workload(1)
         yield from work.take(self._leave_out(length / USUAL))
         fitting = yield from work.take(self._fitting(length, about), 1)
         if fitting is None:
@@ -232,7 +232,7 @@ class Search:
         estimated, they learn from it, and aim at less the next time.
         """
         measured_before: list[list[Try]] = []
-        work = Work(1)
+        work = Workload(1)
         for finer in SAFE:
             cost = (1 - LEFT) * work.left
             aim = length / (USUAL * finer)
@@ -254,7 +254,7 @@ class Search:
         Yields the progress.
         """
         items = [attempt.item for attempt in objects]
-        work = Work(2)
+        work = Workload(2)
         measured = yield from work.take(self.by.level(items, 1), 1)
         if measured[1] <= length:
             (measured,) = yield from work.take(self.by.look_between([items], [measured]), 1)
@@ -300,7 +300,7 @@ class Search:
 
         Yields the progress.
         """
-        work = Work(1)
+        work = Workload(1)
         for k in range(ROUNDS):
             cost = (1 - LEFT_OF_ROUND) * work.left
             near = length * self.nearness
@@ -401,7 +401,7 @@ class Search:
 
     def _try(self, plans: Sequence[float | None]) -> Generator[float, None, list[Try | None]]:
         """Make a try of the ratio that is planned for each source; yields the progress."""
-        work = Work(len(plans))
+        work = Workload(len(plans))
         attempts: list[Try | None] = []
         for ratio, curve in zip(plans, self.curves, strict=True):
             new = None

@@ -26,7 +26,7 @@ from ...crowd_lod.levels.selection import (
     priced,
 )
 from ...crowd_lod.messages import Message
-from ...crowd_lod.progress import Work, finished
+from ...crowd_lod.progress import Workload, finished
 from ...crowd_lod.shot.exceptions import lod_limits
 from ..blender import scene_data
 from ..blender.cameras import reading_cameras
@@ -70,7 +70,7 @@ def views(crowd: SceneCrowd) -> Generator[float, None, list[GroupShot]]:
     looked_at = _frames_looked_at(scene, settings)
     frames = scene_data.frames_of(scene)
     exemptions = chosen_exemptions(crowd, frames) if limits_levels(settings) else ()
-    work = Work(len(looked_at))
+    work = Workload(len(looked_at))
     cameras = yield from work.take(reading_cameras(scene, looked_at))
     center, radius = (
         np.array([getattr(group, name) for group in trajectory.groups])

@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from ...crowd_lod.progress import Work, run_in_thread
+from ...crowd_lod.progress import Workload, run_in_thread
 from ...crowd_lod.simplification.closest_point import closest_weights
 from ...crowd_lod.simplification.distance_estimate import Places, places_on, upper_distances
 from ...crowd_lod.simplification.hausdorff import bound_distance
@@ -157,7 +157,7 @@ def look_at(
     the LOD. Yields the progress.
     """
     distances = np.zeros((len(pairs), len(moments)))
-    work = Work(len(moments))
+    work = Workload(len(moments))
     for number, moment in enumerate(moments):
         character, *levels = posed.points(moment)
         posed.performance.rest()

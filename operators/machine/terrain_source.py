@@ -8,8 +8,8 @@ import numpy as np
 from ...crowd_lod.crowd.maps import FARTHEST
 from ...crowd_lod.crowd.terrain import Terrain, upward
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.mesh import Mesh, join
-from ...crowd_lod.messages import Kind, Message
+from ...crowd_lod.mesh import EMPTY, Mesh, join
+from ...crowd_lod.messages import Message, MessageKind
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import kept_meshes, mesh_data, scene_cache, scene_data
 from ..blender.ownership import OWNED
@@ -48,7 +48,7 @@ def read_terrain(crowd, depsgraph: bpy.types.Depsgraph) -> None:
         return
     objects = objects_of(crowd)
     meters = scene_data.meters(crowd.id_data)
-    sides = [Mesh(np.empty((0, 3)), np.empty((0, 3), np.int32))]
+    sides = [EMPTY]
     for _, _, read in kept_meshes.evaluated_meshes(objects, depsgraph):
         faces = read.triangles[upward(read.points[read.triangles], meters)]
         sides.append(Mesh(read.points, faces))
@@ -116,16 +116,16 @@ def terrain_notes(crowd, trajectory: Trajectory) -> Iterator[Message]:
                 "terrain": _name(crowd),
                 "height": float(ground.z * ground.meters),
             }
-            yield Message(Kind.NO_TERRAIN, facts=facts)
+            yield Message(MessageKind.NO_TERRAIN, facts=facts)
     top = crowd.id_data.crowd_lod.characters
     inside = sorted(
         item.name
         for item in set(objects_of(crowd)).intersection(top.all_objects if top is not None else ())
     )
     for name in inside:
-        yield Message(Kind.TERRAIN_OF_CHARACTERS, name, {"collection": top.name})
+        yield Message(MessageKind.TERRAIN_OF_CHARACTERS, name, {"collection": top.name})
     for name in kept_meshes.moving_names(objects_of(crowd)):
-        yield Message(Kind.TERRAIN_MOVES, name)
+        yield Message(MessageKind.TERRAIN_MOVES, name)
 
 
 def _name(crowd) -> str:

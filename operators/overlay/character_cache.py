@@ -14,7 +14,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.progress import Work
+from ...crowd_lod.progress import Workload
 from ..blender import scene_cache, sidebars
 from ..blender.guard import guard
 from ..blender.image_data import LOOK_AGAIN
@@ -46,7 +46,7 @@ class Casting:
     looked: float
     characters: tuple[Character, ...] = ()
     baking: Generator[float, None, Character] | None = None
-    work: Work = field(default_factory=Work)
+    work: Workload = field(default_factory=Workload)
     progress: float = 0.0
     ready: bool = False
     notes: tuple[str, ...] = ()

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...crowd_lod.animation.skinning import SkinnedMesh, closed, merge, pose, skin, strongest
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.progress import Work
+from ...crowd_lod.progress import Workload
 from ..blender import mesh_data, removal
 from ..blender.animation import armatures_of
 from ..blender.material_colors import Looks
@@ -188,7 +188,7 @@ def _baking(name: str, bench: _Bench) -> Generator[float, None, Character]:
     """Bake the character on the bench: yield the progress between small steps, return it."""
     appearance = Looks()
     meshes_at_rest = []
-    work = Work(len(bench.times) + len(bench.parts))
+    work = Workload(len(bench.times) + len(bench.parts))
     for number in range(len(bench.parts)):
         meshes_at_rest.append((yield from work.take(_reading(bench, number, appearance))))
     bench.read_places_alone()

@@ -16,7 +16,7 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import note_of, unplanned_notes
-from ...crowd_lod.progress import Work
+from ...crowd_lod.progress import Workload
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import frame_stepping, mesh_data, removal, scene_data
 from ..blender.ownership import remove_owned
@@ -68,7 +68,7 @@ def bake(
     crowd = read_crowd(scene)
     check_scene(crowd)
     _check_shutter(scene)
-    work = Work(10)
+    work = Workload(10)
     read = yield from work.take(read_library(crowd), 2)
     with removed_on_failure(read.blocks):
         library = Library(read.posed)
@@ -206,7 +206,7 @@ def _compute(
     trajectory = crowd.trajectory
     moments = _Moments({bucket: [] for bucket in buckets_of(crowd.policy.count)})
     points = dict.fromkeys(moments.rows, 0)
-    work = Work(10 * len(frames))
+    work = Workload(10 * len(frames))
     with frame_stepping.step_frames(scene) as at:
         for number in frames:
             time = scene_data.remap(scene.render, number)

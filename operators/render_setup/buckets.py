@@ -17,7 +17,7 @@ LEVEL = "crowd_lod_level"  # the LOD that it shows
 KIND = "crowd_lod_kind"  # the kind of its bucket
 
 
-class Kind(StrEnum):
+class BucketKind(StrEnum):
     """Whom a bucket shows.
 
     LOD: agents that the camera sees. SHADOW, MIRROR: those of whom it sees only the shadow, only
@@ -32,7 +32,7 @@ class Kind(StrEnum):
 class Bucket(NamedTuple):
     """The agents of a kind that show the LOD `level`."""
 
-    kind: Kind
+    kind: BucketKind
     level: int
 
     @property
@@ -42,7 +42,7 @@ class Bucket(NamedTuple):
     @property
     def is_seen(self) -> bool:
         """Whether the camera sees its agents themselves."""
-        return self.kind is Kind.LOD
+        return self.kind is BucketKind.LOD
 
 
 def buckets_of(count: int) -> list[Bucket]:
@@ -51,12 +51,16 @@ def buckets_of(count: int) -> list[Bucket]:
     Those that are not seen are hidden from camera rays and from no others: Cycles also counts what
     a surface scatters toward a lamp as the lamp's light.
     """
-    return [Bucket(kind, level) for kind in Kind for level in range(count)]
+    return [Bucket(kind, level) for kind in BucketKind for level in range(count)]
 
 
 def members(frame: Frame) -> dict[Bucket, np.ndarray]:
     """Return the agents (m,) intp of each bucket of the frame."""
-    agents_of = {Kind.LOD: frame.buckets, Kind.SHADOW: frame.shadow, Kind.MIRROR: frame.mirrored}
+    agents_of = {
+        BucketKind.LOD: frame.buckets,
+        BucketKind.SHADOW: frame.shadow,
+        BucketKind.MIRROR: frame.mirrored,
+    }
     nobody = np.empty(0, np.intp)
     return {
         bucket: nobody if agents_of[bucket.kind] is None else agents_of[bucket.kind][bucket.level]
@@ -81,9 +85,9 @@ def bucket_of(points: bpy.types.Object) -> Bucket:
     level = level_of(points, LEVEL)
     text = stored_values.read(points, KIND, str, REMEDY)
     try:
-        return Bucket(Kind(text), level)
+        return Bucket(BucketKind(text), level)
     except ValueError:
         raise CrowdError(
             f'The custom property "{KIND}" of {points.name} is {text!r}, and must be '
-            f"{', '.join(Kind)}: {REMEDY}."
+            f"{', '.join(BucketKind)}: {REMEDY}."
         ) from None

@@ -8,7 +8,7 @@ from ...crowd_lod.format import counted
 from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.frame.frame_range import shot_frames
 from ...crowd_lod.frame.index_cache import approach
-from ...crowd_lod.progress import Made, Work
+from ...crowd_lod.progress import Made, Workload
 from ..blender import frame_stepping, provenance, removal, scene_data
 from ..blender.cameras import read_cameras
 from ..blender.operator import Reporting, Stepwise
@@ -56,7 +56,7 @@ def prepared(
     lacks_levels = settings.levels is None
     dropped = settings.dropped
     estimate = settings.estimate
-    whole = Work(10 if lacks_levels else 7)
+    whole = Workload(10 if lacks_levels else 7)
     groups = earlier_groups or (yield from whole.take(measuring_groups(scene)))
     yield from whole.take(reading_afresh(scene))
     crowd = read_crowd(scene, groups=groups)

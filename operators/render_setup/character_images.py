@@ -7,17 +7,10 @@ from pathlib import Path
 import bpy
 
 from ...crowd_lod.format import byte_size
-from ..blender.materials import images_in
 from ..blender.operator import Reporting
 
 CACHE = "blender_tx"  # the folder beside an image that has its cache, unless the user chose another
 IMAGE_BYTES = "crowd_lod_image_bytes"  # custom property of the build's collection: see image_bytes
-
-
-def images_of(items: Iterable[bpy.types.Object]) -> set[bpy.types.Image]:
-    """Return the images in the materials of the objects `items`."""
-    materials = {slot.material for item in items for slot in item.material_slots} - {None}
-    return set().union(*map(images_in, materials))
 
 
 def image_bytes(images: Iterable[bpy.types.Image]) -> int:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import bpy
 import numpy as np
 
-from ...crowd_lod.progress import Work
+from ...crowd_lod.progress import Workload
 from ..blender.animation import armatures_of
 from ..blender.performance import Performance
 from ..characters.bone_channels import channels
@@ -77,7 +77,7 @@ def record_closely(
 
     Yields the progress.
     """
-    work = Work(10)
+    work = Workload(10)
     times = performance.keys(1)
     bones, places = yield from work.take(record(actors, times, performance), 4)
     reach = {armature: _reach(motion, actors, places) for armature, motion in bones.items()}
@@ -93,7 +93,7 @@ def refine(
     most = max(MOST_KEYS, 2 * len(performance.keys(1)))
     allowed = _affordable(recording.off, most_off, most)
     recording.off[recording.off > allowed] = np.nan
-    work = Work(1)
+    work = Workload(1)
     while np.isnan(recording.off).any():
         (begins,) = np.nonzero(np.isnan(recording.off))
         times = recording.between()[begins]

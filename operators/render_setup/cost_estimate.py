@@ -9,7 +9,6 @@ from typing import NamedTuple
 import bpy
 import numpy as np
 
-from ...crowd_lod import progress
 from ...crowd_lod.culling.coverage import covered_pixels
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import byte_size
@@ -28,7 +27,9 @@ from ...crowd_lod.levels.cost_model import (
     stored_triangles,
     work_of,
 )
+from ...crowd_lod.progress import Workload, run_in_thread
 from ..blender import frame_stepping, scene_data
+from ..blender.materials import images_of
 from ..characters.cast_provenance import reading
 from ..characters.holdings import holdings_of
 from ..characters.stored_groups import groups_of
@@ -41,7 +42,7 @@ from ..scene.shot_reference import use_of
 from ..settings.cost_table import FULL, Case, Cost, CostTable
 from ..sources.record_points import on_record
 from .buckets import members
-from .character_images import image_bytes, images_of, uses_cache
+from .character_images import image_bytes, uses_cache
 from .phase_characters import meshes_of_plan
 from .render_setup import check_levels
 
@@ -196,7 +197,7 @@ def estimate(
     check_levels(crowd)
     library = crowd.library
     owner = library.owner(trajectory.gaits)
-    whole = progress.Work(1)
+    whole = Workload(1)
     cast = yield from whole.take(holdings_of(crowd.characters, trajectory, library))
     views = yield from whole.take(_look_at(crowd, choices, looked_at), 1)
     of_plan = yield from whole.take(meshes_of_plan(crowd))
@@ -274,7 +275,7 @@ def _look_at(
     rays = []
     hidden_agents = 0
     in_picture = 0
-    whole = progress.Work(2 * len(numbers))
+    whole = Workload(2 * len(numbers))
     with frame_stepping.step_frames(scene) as at:
         for number in numbers:
             time = scene_data.remap(scene.render, number)
@@ -284,7 +285,7 @@ def _look_at(
             use = use_of(crowd.at_present_frame(), time, moment.eyes)
             for key, choice in choices.items():
                 chosen = replace(crowd, policy=choice.policy)
-                frame = yield from progress.run_in_thread(partial(frame_by_policy, chosen, moment))
+                frame = yield from run_in_thread(partial(frame_by_policy, chosen, moment))
                 if key == settings.choice:
                     frame = use.applied(frame)
                 agents_shown[key].append(_count_shown(frame, crowd, choice.policy.count))

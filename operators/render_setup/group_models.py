@@ -7,7 +7,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.crowd.agents import Group
-from ...crowd_lod.progress import Work
+from ...crowd_lod.progress import Workload
 from ..blender import removal, scene_data
 from ..blender.named_actions import group_performance
 from ..blender.performance import Performance
@@ -46,7 +46,7 @@ def read_library(crowd: SceneCrowd) -> Generator[float, None, GroupModels]:
     check_measured(characters, measured)
     library = GroupModels(np.zeros(len(characters), np.intp))
     lead = leads(characters, measured)
-    work = Work(len(characters))
+    work = Workload(len(characters))
     with removed_on_failure(library.blocks):
         for g in range(len(characters)):
             if lead[g] == g:
@@ -107,7 +107,7 @@ def _models(
     models = []
     sentences = []
     before = set(blocks)
-    work = Work(len(acts))
+    work = Workload(len(acts))
     for act in acts:
         alike = [
             model for model, other in zip(models, acts, strict=False) if other.parts == act.parts

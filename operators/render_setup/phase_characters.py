@@ -12,7 +12,7 @@ import numpy as np
 from mathutils import Matrix
 
 from ...crowd_lod.animation.phase_classes import Library
-from ...crowd_lod.progress import Work
+from ...crowd_lod.progress import Workload
 from ...crowd_lod.shot.stand_ins import hold_shown, stand_ins
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import removal
@@ -92,7 +92,7 @@ def make_cast(
 
     Yields the progress, 0 to 1, and returns the Cast. Closed early, it leaves nothing behind.
     """
-    work = Work(1 if library else 2)
+    work = Workload(1 if library else 2)
     if library is None:
         library = yield from work.take(read_library(crowd), 1)
     cast = Cast(
@@ -178,7 +178,7 @@ def _make_characters(
     first = Library(cast.posed).first(trajectory.gaits)
     rig_of: dict = {}
     objects: dict[Mesh, list[bpy.types.Object]] = {}
-    work = Work(int(first[-1]))
+    work = Workload(int(first[-1]))
     for g, (name, own_objects, _) in enumerate(crowd.characters):
         homes = [home_of(level, g, name) for level in levels]
         with as_rendered(item for home in homes for item in home.objects) as (stage, actors):

@@ -12,9 +12,10 @@ import numpy as np
 from ...crowd_lod.animation.phase_classes import Library
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import number as figure
-from ...crowd_lod.progress import Work
+from ...crowd_lod.progress import Workload
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import provenance, removal, scene_data, stored_values
+from ..blender.materials import images_of
 from ..blender.ownership import OWNED, remove_owned
 from ..characters.cast_provenance import cast_inputs, reading
 from ..characters.stored_groups import groups_of
@@ -25,7 +26,7 @@ from ..scene.scene_crowd import SceneCrowd, home_of
 from . import played_by
 from .buckets import KIND, LEVEL, Bucket, buckets_of, points_of
 from .change_detection import named_by, shown_by
-from .character_images import IMAGE_BYTES, describe_images, image_bytes, images_of
+from .character_images import IMAGE_BYTES, describe_images, image_bytes
 from .hidden_characters import unhide_characters
 from .nodes import baked, instances, trees
 from .phase_characters import Cast, Selection, make_cast, meshes_of_plan
@@ -112,7 +113,7 @@ def build(crowd: SceneCrowd, selection: Selection | None = None) -> Generator[fl
     complete = selection is None
     cast = of_plan = None
     inputs = {}
-    work = Work(10 if complete else 8)
+    work = Workload(10 if complete else 8)
     if complete:
         yield from work.take(reading(scene))
         of_plan = yield from work.take(meshes_of_plan(crowd), 2)

@@ -14,7 +14,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ...crowd_lod.progress import Work
+from ...crowd_lod.progress import Workload
 from ..blender import mesh_data, removal
 from ..blender.object_copies import copy_unlinked
 from ..blender.performance import Performance
@@ -153,7 +153,7 @@ def make_model(
         return None, reason
     # between keys, for the vertices that each bone moves farthest
     allowed = NEAR * diagonal / 1.1
-    work = Work(1)  # of what is left each part takes about half
+    work = Workload(1)  # of what is left each part takes about half
     recording = yield from work.take(record_closely(actors, performance, allowed), 0.5)
     while True:
         model = model_of(name, recording, origin, blocks)
@@ -212,7 +212,7 @@ def _off(
         for block in (*rigs.values(), *copies.values()):
             character.stage.collection.objects.link(block)
         distances = []
-        work = Work(len(moments))
+        work = Workload(len(moments))
         for time in moments:
             performance.go_to(character.stage, time)
             distances.append(measure_copies(copies, character.actors, character.stage, origin))

@@ -20,7 +20,7 @@ from ...crowd_lod.format import counted, printable
 from ...crowd_lod.frame.frame_range import spread_evenly
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.levels.assignment import LevelPolicy
-from ...crowd_lod.progress import Work
+from ...crowd_lod.progress import Workload
 from ...crowd_lod.reporting import error_plots
 from ...crowd_lod.reporting import files as outputs
 from ...crowd_lod.reporting import tables as report
@@ -46,7 +46,7 @@ def error(
     """
     with outputs.staged(folder) as stage:
         cameras.active_camera(scene)
-        work = Work(2)  # walking to the views takes about as long as measuring
+        work = Workload(2)  # walking to the views takes about as long as measuring
         groups = yield from work.take(measuring_groups(scene))
         store_groups(scene.crowd_lod, groups)
         crowd = read_crowd(scene)
@@ -85,7 +85,7 @@ def _views(crowd: SceneCrowd) -> Generator[float, None, list[error_vs_runtime.Vi
     trajectory = crowd.trajectory
     frames = spread_evenly(scene_data.frames_of(scene, scene.crowd_lod.step), VIEWS)
     view_cameras = cameras.cameras_at(scene, frames)
-    work = Work(len(frames))
+    work = Workload(len(frames))
     for frame in frames:
         yield from work.take(approach(trajectory, frame), 1)
     return [
@@ -140,7 +140,7 @@ def _collect(
 ) -> Generator[float, None, dict[str, list[dict]]]:
     """Return the rows of each table; yields the progress."""
     tables: dict[str, list[dict]] = {}
-    work = Work(sum(each.cost * each.count for each in measurements.values()))
+    work = Workload(sum(each.cost * each.count for each in measurements.values()))
     for name, measurement in measurements.items():
         tables[name] = []
         for row in measurement.rows:

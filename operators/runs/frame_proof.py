@@ -12,7 +12,7 @@ import numpy as np
 from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import HIDDEN, note_of
-from ...crowd_lod.progress import Work, run_in_thread
+from ...crowd_lod.progress import Workload, run_in_thread
 from ...crowd_lod.reporting.png_file import save_png
 from ...crowd_lod.validation import image_difference
 from ...crowd_lod.validation.judged_agents import JudgedAgent, choose_agents
@@ -20,7 +20,7 @@ from ...crowd_lod.validation.render_proof import agents_row
 from ..blender import frame_stepping, mesh_data, scene_data
 from ..characters.cast_provenance import reading
 from ..render_setup import bake, frame_update, render_setup
-from ..render_setup.buckets import Bucket, Kind, points_of
+from ..render_setup.buckets import Bucket, BucketKind, points_of
 from ..scene import lights
 from ..scene.frame_plan import frame_of
 from ..scene.scene_crowd import SceneCrowd
@@ -40,7 +40,7 @@ from .verify_stage import Verify, add_twins, dark_world, light_by
 
 # What a frame costs: walking there, the whole pictures, the crops of single agents.
 WALK, PICTURE, CROP = 1, 5, 4
-FULL = Bucket(Kind.LOD, 0)  # of the build at full detail
+FULL = Bucket(BucketKind.LOD, 0)  # of the build at full detail
 
 
 @dataclass
@@ -111,7 +111,7 @@ class Proof:
         scene = self.scene
         trajectory = self.crowd.trajectory
         time = scene_data.remap(scene.render, number)
-        work = Work(WALK + PICTURE + CROP)
+        work = Workload(WALK + PICTURE + CROP)
         yield from work.take(approach(trajectory, time), WALK)
         moment = lights.read_moment(scene, time, self.at)
         self.at((), time)  # back from the times of the shutter: renders follow
@@ -123,9 +123,9 @@ class Proof:
         row = {
             "frame": number,
             "agents": len(planned.crowd),
-            "visible": len(agents_of[Kind.LOD]),
-            "shadow": len(agents_of[Kind.SHADOW]),
-            "mirrored": len(agents_of[Kind.MIRROR]),
+            "visible": len(agents_of[BucketKind.LOD]),
+            "shadow": len(agents_of[BucketKind.SHADOW]),
+            "mirrored": len(agents_of[BucketKind.MIRROR]),
             "strangers": strangers,
         }
         comparing = self._compare(number, planned, poses, rows, agents_of)
@@ -159,7 +159,7 @@ class Proof:
         planned: Frame,
         poses: frame_update.Held,
         rows: dict[Bucket, Columns],
-        agents_of: dict[Kind, np.ndarray],
+        agents_of: dict[BucketKind, np.ndarray],
     ) -> Generator[float, None, dict[str, Any]]:
         """Render the whole pictures of a frame, and compare them with the first.
 
@@ -174,11 +174,11 @@ class Proof:
         members = {
             "a": {FULL: everyone_there(planned)},
             "b": {Bucket(kind, 0): agents for kind, agents in agents_of.items()},
-            "bare": {FULL: agents_of[Kind.LOD]},
+            "bare": {FULL: agents_of[BucketKind.LOD]},
         }
         worlds = scene.world, dark_world(scene.world)
         bounce_counts = (0, bounces) if bounces else (0,)
-        work = Work(len(bounce_counts) * len(PICTURES))
+        work = Workload(len(bounce_counts) * len(PICTURES))
         for count in bounce_counts:
             light_by(scene, count, worlds)
             ending = "_bounces" if count else ""
@@ -249,7 +249,7 @@ class Proof:
             alone = columns_of_members(
                 self.full, trajectory, {FULL: np.array([judged.agent])}, poses, number
             )[FULL]
-            bucket = Bucket(Kind.LOD, judged.level)
+            bucket = Bucket(BucketKind.LOD, judged.level)
             row = {
                 key: values[frame_update.indices_in(rows[bucket]) == judged.agent][:1]
                 for key, values in rows[bucket].items()

@@ -13,7 +13,7 @@ import numpy as np
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.levels.assignment import pixels_of
-from ...crowd_lod.progress import Work, run_in_thread
+from ...crowd_lod.progress import Workload, run_in_thread
 from ...crowd_lod.reporting.png_file import save_png
 from ...crowd_lod.validation import silhouette
 from ..blender import scene_data
@@ -51,7 +51,7 @@ def tables(
     groups = crowd.trajectory.groups
     finest = crowd.policy.finest or [0] * len(groups)
     pictured = len(groups[:MOST_SHOWN])
-    work = Work((MEASURED + DRAWN) * pictured)
+    work = Workload((MEASURED + DRAWN) * pictured)
     for g, (group, (_, objects, origin)) in enumerate(zip(groups, crowd.characters, strict=True)):
         character = _Pictured(scene, group, g, camera, begins[g], np.array(origin), objects)
         entry = {
@@ -130,7 +130,7 @@ class _Pictured:
         """
         materials = Looks()
         views = []
-        work = Work(len(rows))
+        work = Workload(len(rows))
         with Posed(self.objects, self.meshes, self.performance) as posed:
             # the LOD that deviates most gives LOD 0 its pose
             for done, k in enumerate((len(rows) - 1, *range(1, len(rows)))):

@@ -18,7 +18,7 @@ from ...crowd_lod.frame.frame_range import spread_evenly
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import note_of, unplanned_notes
 from ...crowd_lod.levels.assignment import deviations
-from ...crowd_lod.progress import Work, run_in_thread, unsure
+from ...crowd_lod.progress import Workload, run_in_thread, unsure
 from ...crowd_lod.reporting import tables
 from ...crowd_lod.reporting.frame_parts import FrameParts
 from ...crowd_lod.reporting.html_report import page
@@ -92,7 +92,7 @@ def preview(
         _check(scene, task)
         lacking = lacking_seconds(scene)
         describing = LOD * scene.crowd_lod.level_count * len(characters_of(scene))
-        work = Work(lacking + describing + FRAME * len(task.frames))
+        work = Workload(lacking + describing + FRAME * len(task.frames))
         if sharing.jobs > 1:  # all processes take the LODs from the file
             yield from work.take(unsure(_with_levels(scene)), lacking)
             sharing.save(folder)
@@ -104,11 +104,11 @@ def preview(
             else Path(opened.enter_context(tempfile.TemporaryDirectory()))
         )
         crowd = read_crowd(on.stage)  # the LODs are there now
-        planning = plan_seconds(on.stage, _span(task)) if _lacks_plan(crowd, task) else 0.0
-        describing = LOD * lod_table.count_pictured(crowd.trajectory.groups)
-        work.announce(planning + describing + FRAME * len(task.frames))
+        lacks_plan = _lacks_plan(crowd, task)
+        planning = plan_seconds(on.stage, _span(task)) if lacks_plan else 0.0
+        work.announce(planning + _describing_seconds(crowd) + FRAME * len(task.frames))
         shot = None
-        if _lacks_plan(crowd, task):
+        if lacks_plan:
             shot = yield from work.take(unsure(_plan(crowd, task, plan_folder)), planning)
         run = _begin(crowd, on, folder, opened)
         lods, frames, legends = yield from _picture(run, sharing, work)
@@ -147,7 +147,7 @@ def _begin(crowd: SceneCrowd, on: Staged, folder: Path, opened: contextlib.ExitS
 
 
 def _picture(
-    run: "_Run", sharing: Sharing, work: Work
+    run: "_Run", sharing: Sharing, work: Workload
 ) -> Generator[float, None, tuple[list[dict], list[dict], list[Legend]]]:
     """Picture the LODs and the frames: yield the progress.
 
@@ -162,9 +162,8 @@ def _picture(
         if sharing.part is None:  # while other processes make frames
             first = yield from work.take(run.at_first())
             legends = legends_of(run.on.task.color, first)
-            cost = LOD * lod_table.count_pictured(run.crowd.trajectory.groups)
             describing = lod_table.tables(run.crowd, first.camera, first.begins, run.folder)
-            lods = yield from work.take(unsure(describing), cost)
+            lods = yield from work.take(unsure(describing), _describing_seconds(run.crowd))
         making = make_frames(parts, frames, sharing, run.shots.prepare, run.shoot, helpers)
         pictured = yield from work.take(making, work.left)
     return lods, pictured, legends
@@ -222,7 +221,7 @@ def _with_levels(stage: bpy.types.Scene) -> Iterator[float]:
     layer = stage.view_layers[0]
     settings = stage.crowd_lod
     layer.update()
-    work = Work(1)
+    work = Workload(1)
     store_groups(settings, (yield from work.take(measuring_groups(stage))))
     crowd = read_crowd(stage)
     yield from work.take(approach(crowd.trajectory, scene_data.time_of(stage)))
@@ -231,6 +230,11 @@ def _with_levels(stage: bpy.types.Scene) -> Iterator[float]:
         return
     making = make_levels(stage) if settings.levels is None else measure_levels(stage)
     yield from work.take(making, 1)
+
+
+def _describing_seconds(crowd: SceneCrowd) -> float:
+    """Return about how many seconds the LODs' pictures and rows take."""
+    return LOD * lod_table.count_pictured(crowd.trajectory.groups)
 
 
 def _span(task: Preview) -> range:
@@ -292,7 +296,7 @@ class _Run:
         """
         stage = self.on.stage
         main, above = self.pictures(number)
-        steps = Work(1.0)
+        steps = Workload(1.0)
         yield from steps.take(self.approach(number), BEHAVIOR)
         frame = yield from steps.take(self.planned(number))
         caption = stage.render.stamp_note_text = _caption(frame)

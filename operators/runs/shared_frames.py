@@ -19,7 +19,7 @@ import bpy
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import printable
 from ...crowd_lod.frame.frame_range import frames_are
-from ...crowd_lod.progress import Work
+from ...crowd_lod.progress import Workload
 from ...crowd_lod.reporting import files, frame_parts
 from ...crowd_lod.reporting.frame_parts import FrameParts
 from ..blender import console
@@ -146,7 +146,7 @@ def make_frames(
         )
     prepared = False
     own = numbers[:: 1 + len(helpers)]
-    work = Work(PREPARED + len(own))
+    work = Workload(PREPARED + len(own))
     for turn in own, numbers:
         for number in turn:
             facts[number] = facts[number] or parts.get(number)

@@ -10,7 +10,7 @@ import bpy
 
 from ...crowd_lod.errors import FAULTS, CrowdError
 from ...crowd_lod.errors import sentence as fault_sentence
-from ...crowd_lod.progress import Work
+from ...crowd_lod.progress import Workload
 from ..blender import scene_data
 from ..blender.operator import Stepwise
 from ..blender.provenance import name_inputs
@@ -139,7 +139,7 @@ def update_all(
     it leaves the steps that are done, and undoes the one at work. CrowdError names the step that
     failed.
     """
-    work = Work()
+    work = Workload()
     yield from work.take(reading_afresh(scene))
     steps = update_steps(scene, bakes)
     sentences: dict[str, str] = {}

@@ -12,7 +12,7 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame_range import spread_evenly
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import unplanned_notes
-from ...crowd_lod.progress import Work, run_in_thread, unsure
+from ...crowd_lod.progress import Workload, run_in_thread, unsure
 from ...crowd_lod.reporting import tables
 from ...crowd_lod.reporting.frame_parts import FrameParts
 from ...crowd_lod.reporting.png_file import save_png
@@ -80,7 +80,7 @@ def verify(
         frames_proved = task.frames if sharing.part is None else sharing.part
         making = lacking_seconds(scene)
         proving = PROVED * len(frames_proved)
-        work = Work(making + proving)
+        work = Workload(making + proving)
         proved = yield from work.take(build_of(scene, frames_proved))
         left_out += unlike_renders(scene, proved)
         size = _set_up(scene, task, proved, opened)
@@ -153,7 +153,7 @@ def _prepare_crowd(scene: bpy.types.Scene) -> Generator[float, None, SceneCrowd]
     is said before the work begins.
     """
     settings = scene.crowd_lod
-    work = Work(1)
+    work = Workload(1)
     store_groups(settings, (yield from work.take(measuring_groups(scene))))
     crowd = read_crowd(scene)
     yield from work.take(approach(crowd.trajectory, scene_data.time_of(scene)))

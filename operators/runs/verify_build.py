@@ -23,7 +23,7 @@ from ..freshness.bake_frames import (
 )
 from ..freshness.parts import RANGE
 from ..render_setup import bake, frame_update, render_setup
-from ..render_setup.buckets import Bucket, Kind, members, points_of
+from ..render_setup.buckets import Bucket, BucketKind, members, points_of
 from ..render_setup.view_layers import layers_of
 from ..scene.frame_plan import SceneMoment
 
@@ -148,7 +148,9 @@ def frames_to_verify(scene: bpy.types.Scene, frames: Sequence[int]) -> list[int]
     return [number for number in frames if number in baked] or sorted(baked) or list(frames)
 
 
-def seen_by_kind(rows: Mapping[Bucket, Columns], count: int) -> tuple[dict[Kind, np.ndarray], int]:
+def seen_by_kind(
+    rows: Mapping[Bucket, Columns], count: int
+) -> tuple[dict[BucketKind, np.ndarray], int]:
     """Return (the agents of each kind of bucket, (m,) intp, increasing; how many points are no
     agents).
 
@@ -156,7 +158,7 @@ def seen_by_kind(rows: Mapping[Bucket, Columns], count: int) -> tuple[dict[Kind,
     """
     agents_of = {}
     strangers = 0
-    for kind in Kind:
+    for kind in BucketKind:
         agents = [
             frame_update.indices_in(columns)
             for bucket, columns in rows.items()

@@ -13,7 +13,7 @@ import numpy as np
 from ...crowd_lod.behavior.walk import Walk
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.crowd.terrain import Terrain
-from ...crowd_lod.messages import Kind, Message
+from ...crowd_lod.messages import Message, MessageKind
 from ...crowd_lod.sources.recorded import Recorded
 from ...crowd_lod.sources.trajectory import Trajectory
 from ...crowd_lod.validation import plausibility as judge
@@ -54,7 +54,7 @@ def notes_on_plausibility(
 
 def notes_on_feet(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[Message]:
     """Yield messages on groups moved to the ground, then on groups left off it."""
-    for kind, moved in ((Kind.RAISED, True), (Kind.OFF_ITS_SOLES, False)):
+    for kind, moved in ((MessageKind.RAISED, True), (MessageKind.OFF_ITS_SOLES, False)):
         for group in groups:
             if group.lowest and group.on_ground == moved:
                 facts = {"rise": float(-group.lowest * scene_data.meters(scene))}
@@ -69,14 +69,14 @@ def notes_on_extent(
     margin = float(MARGIN * radius * scene_data.meters(scene))
     for name, objects, _ in characters:
         for what in dict.fromkeys(unknown(objects)):
-            yield Message(Kind.UNKNOWN_EXTENT, name, {"what": what, "margin": margin})
+            yield Message(MessageKind.UNKNOWN_EXTENT, name, {"what": what, "margin": margin})
 
 
 def _heights(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[Message]:
     groups = [group for group in groups if not group.variant_of]
     heights = np.array([group.height for group in groups]) * scene_data.meters(scene)
     for g in judge.check_heights(heights):
-        yield Message(Kind.HEIGHT, groups[g].name, {"height": float(heights[g])})
+        yield Message(MessageKind.HEIGHT, groups[g].name, {"height": float(heights[g])})
 
 
 def _motion(crowd, part: Trajectory) -> Iterator[Message]:
@@ -91,7 +91,7 @@ def _motion(crowd, part: Trajectory) -> Iterator[Message]:
         if samples.z is not None:
             heights = samples.z * meters
             if judge.check_climbs(ways, steps[2] * meters, samples.y * meters, heights):
-                yield Message(Kind.CLIMBS, facts={"height": float(np.ptp(heights))})
+                yield Message(MessageKind.CLIMBS, facts={"height": float(np.ptp(heights))})
     elif isinstance(part, Walk):
         paces = part.gaits.paces.speeds * meters
         if paces.any():  # else they are seated
@@ -102,7 +102,7 @@ def _motion(crowd, part: Trajectory) -> Iterator[Message]:
 
 def _speeds(median: float | None, from_file: bool) -> Iterator[Message]:
     if median is not None:
-        yield Message(Kind.SPEED, facts={"median": float(median), "from_file": from_file})
+        yield Message(MessageKind.SPEED, facts={"median": float(median), "from_file": from_file})
 
 
 def _steps(part: Recorded) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -143,9 +143,9 @@ def _around(
                 "height": float(off.height),
                 "ground": names.most_common(1)[0][0],
             }
-            yield Message(Kind.OFF_THE_GROUND, facts=facts)
+            yield Message(MessageKind.OFF_THE_GROUND, facts=facts)
     for item in obstacles:
-        yield Message(Kind.OBSTACLE, item.name, remedy="crowd_lod.walls_from_selection")
+        yield Message(MessageKind.OBSTACLE, item.name, remedy="crowd_lod.walls_from_selection")
     if within.any() and not obstacles:
         names = Counter(filter(None, around.walls))
         facts = {
@@ -153,7 +153,7 @@ def _around(
             "walls": [name for name, _ in names.most_common()],
             "from_file": not isinstance(part, Walk),
         }
-        yield Message(Kind.WITHIN_WALLS, facts=facts)
+        yield Message(MessageKind.WITHIN_WALLS, facts=facts)
 
 
 def places_of(part: Trajectory) -> np.ndarray:
@@ -192,4 +192,4 @@ def _poses(
                 "seconds": float(cycles[g] / POSES),
                 "reason": reasons[g],
             }
-            yield Message(Kind.STILL_POSES, groups[g].name, facts)
+            yield Message(MessageKind.STILL_POSES, groups[g].name, facts)

@@ -8,7 +8,7 @@ from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.crowd.wardrobe import count_people
 from ...crowd_lod.format import counted
 from ...crowd_lod.messages import Message, to_json
-from ...crowd_lod.progress import Work, run_in_thread
+from ...crowd_lod.progress import Workload, run_in_thread
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import kept_meshes, scene_data
 from ..blender.operator import Stepwise
@@ -47,7 +47,7 @@ def populate_scene(
     depsgraph = crowd_sources.depsgraph_of(scene)
     depsgraph.update()
     crowds = crowd_sources.crowds_of(settings)
-    work = Work(READ + MEASURED)
+    work = Workload(READ + MEASURED)
     yield from work.take(reading_motions(scene))
     made_of = crowd_parts(scene)
     set_lengths(scene)

@@ -12,7 +12,7 @@ from ...crowd_lod.behavior.exact_walk import Trouble, trouble
 from ...crowd_lod.behavior.walk import Walk, walks_of
 from ...crowd_lod.crowd.maps import LabelMap
 from ...crowd_lod.crowd.state_machine import StateMachine
-from ...crowd_lod.messages import Kind, Message
+from ...crowd_lod.messages import Message, MessageKind
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..settings.messages import in_words
 
@@ -39,7 +39,7 @@ class OffColor(Trouble):
             "column": int(self.column[0]),
             "row": int(self.row[0]),
         }
-        return Message(Kind.OFF_COLOR, facts=facts)
+        return Message(MessageKind.OFF_COLOR, facts=facts)
 
 
 def off_color(world: LabelMap, machine: StateMachine) -> tuple[OffColor, ...]:
@@ -74,7 +74,7 @@ class Troubles:
         messages = [each.message for each in self.troubles]
         if self.agents < self.count or self.seconds < SECONDS:
             facts = {"checked": self.agents, "agents": self.count, "seconds": self.seconds}
-            messages.append(Message(Kind.CHECKED_IN_PART, facts=facts))
+            messages.append(Message(MessageKind.CHECKED_IN_PART, facts=facts))
         return messages
 
     @property

@@ -9,7 +9,7 @@ from ...crowd_lod.crowd.machine_walls import WALL, add_wall
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
 from ...crowd_lod.message_words import listed
-from ...crowd_lod.messages import Kind, from_json, to_json
+from ...crowd_lod.messages import MessageKind, from_json, to_json
 from ..blender import scene_data
 from ..blender.character_objects import selected_scenery
 from ..blender.operator import Reporting
@@ -44,7 +44,7 @@ class CROWDLOD_OT_walls_from_selection(Reporting, bpy.types.Operator):
             )
         if not any(items for _, items in _in_the_way(scene, depsgraph, ())):
             told = from_json(scene.crowd_lod.trouble)
-            others = [message for message in told if message.kind is not Kind.OBSTACLE]
+            others = [message for message in told if message.kind is not MessageKind.OBSTACLE]
             scene.crowd_lod.trouble = to_json(others)
         return " ".join(sentences)
 

@@ -13,7 +13,7 @@ from ...crowd_lod.format import counted, number, printable
 from ...crowd_lod.frame.planned import PINNED, camera_of
 from ...crowd_lod.levels.assignment import deviations
 from ...crowd_lod.levels.budget_fit import Budget
-from ...crowd_lod.progress import Work, run_in_thread, run_steps_in_thread
+from ...crowd_lod.progress import Workload, run_in_thread, run_steps_in_thread
 from ...crowd_lod.reporting import files, tables
 from ...crowd_lod.reporting.shot_json import shot_facts
 from ...crowd_lod.reporting.shot_page import shot_page
@@ -108,17 +108,18 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
             f"may add, such as 0.05."
         )
     check_recorded(scene, "Plan Shot")
+    making = lacking_seconds(scene)
     planning = plan_seconds(scene, request.frames)
-    work = Work(lacking_seconds(scene) + planning)
+    work = Workload(making + planning)
     yield from work.take(cast_provenance.reading_afresh(scene))
-    crowd = yield from work.take(ready(scene), lacking_seconds(scene))
+    crowd = yield from work.take(ready(scene), making)
     return (yield from work.take(_plan_ready(crowd, request), planning))
 
 
 def _plan_ready(crowd: SceneCrowd, request: PlanRequest) -> Generator[float, None, PlannedShot]:
     """Plan the shot of a crowd that has all its LOD meshes."""
     decision = DECISION if request.budget == Budget() else BUDGETED
-    work = Work(SURVEY + COLORING + decision + REPORT + POINTS)
+    work = Workload(SURVEY + COLORING + decision + REPORT + POINTS)
     trajectory = crowd.trajectory
     tolerance = crowd.policy.tolerance
     exemptions = exemptions_of(crowd, request.frames)
@@ -207,7 +208,7 @@ def ready(scene: bpy.types.Scene) -> Generator[float, None, SceneCrowd]:
     """
     cameras.active_camera(scene), characters_of(scene)
     settings = scene.crowd_lod
-    work = Work(1)
+    work = Workload(1)
     if not len(settings.groups):
         store_groups(settings, (yield from work.take(measuring_groups(scene))))
     if settings.levels is None:
@@ -227,10 +228,11 @@ def plan_into(
     command: the command line of the run.
     Returns (the planned shot, the content of plan.json).
     """
-    planning = lacking_seconds(scene) + plan_seconds(scene, request.frames)
-    writing = WRITTEN * plan_seconds(scene, request.frames)
-    work = Work(planning + writing)
-    planned = yield from work.take(plan_shot(scene, request), planning)
+    planning = plan_seconds(scene, request.frames)
+    making = lacking_seconds(scene)
+    writing = WRITTEN * planning
+    work = Workload(making + planning + writing)
+    planned = yield from work.take(plan_shot(scene, request), making + planning)
     return planned, (yield from work.take(write_plan(folder, planned, command), writing))
 
 
@@ -252,7 +254,7 @@ def _writing(
     folder: Path, planned: PlannedShot, content: dict[str, Any]
 ) -> Generator[float, None, None]:
     """Write all of the plan's files; `content` of plan.json gets what it tells of the shot."""
-    work = Work(5)  # files
+    work = Workload(5)  # files
     write_levels(folder, planned)
     yield work.did(1)
     report = planned.report

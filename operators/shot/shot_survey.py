@@ -12,7 +12,7 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import numbers_of
-from ...crowd_lod.progress import Work, run_in_thread
+from ...crowd_lod.progress import Workload, run_in_thread
 from ...crowd_lod.shot.recording import Recorder, Recording, begin_recording
 from ...crowd_lod.shot.shot_cost import meshes_of
 from ...crowd_lod.shot.survey import Survey
@@ -58,7 +58,7 @@ def survey_of(crowd: SceneCrowd, frames: Sequence[int]) -> Generator[float, None
     views: list[np.ndarray] = []
     before: Frame | None = None
     took = Counter()
-    work = Work((WALK + PLAN + RECORD) * len(frames))
+    work = Workload((WALK + PLAN + RECORD) * len(frames))
     with frame_stepping.step_frames(scene) as at, Recorder(recording) as recorder:
         for f, time in enumerate(times):
             yield from work.take(approach(crowd.trajectory, time), WALK)

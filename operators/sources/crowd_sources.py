@@ -15,8 +15,8 @@ from ...crowd_lod.crowd.maps import LabelMap
 from ...crowd_lod.crowd.state_machine import StateMachine
 from ...crowd_lod.crowd.terrain import Ground, Terrain
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.messages import Kind, Message
-from ...crowd_lod.progress import Work, run_in_thread
+from ...crowd_lod.messages import Message, MessageKind
+from ...crowd_lod.progress import Workload, run_in_thread
 from ...crowd_lod.sources.dressed import Dressed
 from ...crowd_lod.sources.recorded import Recorded
 from ...crowd_lod.sources.several import Several
@@ -104,7 +104,7 @@ def read_sources(
     Files of tracks are read as well, which takes long: yields the progress. CrowdError if an object
     has no places or terrain.
     """
-    work = Work(10 * len(crowds))
+    work = Workload(10 * len(crowds))
     for crowd in crowds:
         start_source.read_places(crowd, forward, depsgraph)
         terrain_source.read_terrain(crowd, depsgraph)
@@ -126,7 +126,7 @@ def notes(crowds: Sequence, trajectory: Trajectory) -> Iterator[Message]:
             lost = len(places or ()) - len(part.start)
             if lost:
                 facts = {"lost": lost, "places": len(places or ())}
-                yield Message(Kind.PLACES_LEFT_OUT, facts=facts)
+                yield Message(MessageKind.PLACES_LEFT_OUT, facts=facts)
 
 
 def _images(crowd) -> tuple:

@@ -18,7 +18,7 @@ import numpy as np
 
 from ...crowd_lod.crowd.maps import LabelMap
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.progress import Work
+from ...crowd_lod.progress import Workload
 
 # JuPedSim needs only these to simulate; its wheel also requires Qt and VTK, 1.2 GB, for a viewer.
 PACKAGES = "jupedsim shapely deprecated wrapt"
@@ -71,7 +71,7 @@ def simulate(request: SimulationRequest, path: Path) -> Generator[float, None, i
     jupedsim = _module("jupedsim")
     steps = ceil(1 / (request.rate * LONGEST_STEP))  # of each frame in the file
     whole = ceil(request.seconds * request.rate) * steps
-    work = Work((SITE + PLACES + 1) * whole)
+    work = Workload((SITE + PLACES + 1) * whole)
     ground, starts, targets = _site(request)
     yield work.did(SITE * whole)
     draws = np.random.default_rng(request.seed)

@@ -13,7 +13,7 @@ import numpy as np
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
-from ...crowd_lod.progress import Made, Work
+from ...crowd_lod.progress import Made, Workload
 from ...crowd_lod.reporting import files
 from ...crowd_lod.sources.points import Snapshot
 from ...crowd_lod.tracks import npz
@@ -106,7 +106,7 @@ def with_record(
     with ExitStack() as stack:
         stack.enter_context(shared_record(scene, frames))
         record = _shared[scene.session_uid]
-        whole = Work(1)
+        whole = Workload(1)
         try:
             if record.holds(about, frames):
                 _follow(crowds, record.settings)
@@ -178,7 +178,7 @@ def record_crowds(
     times = range(int(np.floor(since)), int(np.ceil(until)) + 1)
     snapshots: list[list[Snapshot]] = [[] for _ in crowds]
     frames_with_points: list[list[int]] = [[] for _ in crowds]
-    work = Work((1 + WRITTEN) * len(times))
+    work = Workload((1 + WRITTEN) * len(times))
     with frame_stepping.step_frames(scene) as at:
         for time in times:
             depsgraph = at((), time)

@@ -7,7 +7,7 @@ from pathlib import Path
 from ...crowd_lod.crowd.maps import FARTHEST
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
-from ...crowd_lod.progress import Work, run_in_thread
+from ...crowd_lod.progress import Workload, run_in_thread
 from ...crowd_lod.tracks.reading import content_of, read_tracks
 from ...crowd_lod.tracks.tracks import Tracks
 from ..blender import scene_cache, scene_data
@@ -90,7 +90,7 @@ def read_files(crowds: list, usual: float) -> Generator[float, None, None]:
         for crowd in crowds
         if crowd.source == "FILE"
     )
-    work = Work(len(files))
+    work = Workload(len(files))
     for stamp, options in files:
         if _known_tracks(stamp, options) is None:
             progress = [0.0]

@@ -22,7 +22,7 @@ from ...crowd_lod.frame.instances import (
     rotations_of,
 )
 from ...crowd_lod.frame.planned import note_of, unplanned_notes
-from ...crowd_lod.progress import Work
+from ...crowd_lod.progress import Workload
 from ...crowd_lod.reporting import files
 from ..blender import frame_stepping, scene_data
 from ..characters.cast_provenance import reading
@@ -106,8 +106,9 @@ def export_usd(scene: bpy.types.Scene, request: UsdExport) -> Generator[float, N
         )
     with files.staged(path.parent, path.name) as hidden:
         count = len(request.frames)
-        work = Work(lacking_seconds(scene) + (PLANNED + WRITTEN) * count)
-        crowd = yield from work.take(ready(scene), lacking_seconds(scene))
+        making = lacking_seconds(scene)
+        work = Workload(making + (PLANNED + WRITTEN) * count)
+        crowd = yield from work.take(ready(scene), making)
         trajectory = crowd.trajectory
         library = library_of_poses(crowd, POSES, request.animated)
         planning = _plan_frames(crowd, request, library)
@@ -164,7 +165,7 @@ def _plan_frames(
     plans: dict[int, FrameInstances] = {}
     films: dict[int, FilmedFrame] = {}
     unplanned = []
-    work = Work(10 * len(frames))
+    work = Workload(10 * len(frames))
     with frame_stepping.step_frames(scene) as at:
         for number in frames:
             time = scene_data.remap(scene.render, number)
@@ -196,7 +197,7 @@ def _instances(
     agents = cast[1].agents
     turn = float(scene_data.rotation(scene.crowd_lod.forward))
     speed = scene_data.frame_rate(scene)
-    work = Work(10 * len(plans))
+    work = Workload(10 * len(plans))
     for number, plan in plans.items():
         time = scene_data.remap(scene.render, number)
         yield from work.take(approach(trajectory, time), 9)

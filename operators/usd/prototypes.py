@@ -9,7 +9,7 @@ from mathutils import Matrix
 
 from ...crowd_lod.animation.phase_classes import Library
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.progress import Work
+from ...crowd_lod.progress import Workload
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender.named_actions import group_performance
 from ..blender.performance import Performance
@@ -89,7 +89,7 @@ def write_prototypes(
     trajectory = crowd.trajectory
     levels = crowd.settings.levels.children[: crowd.policy.count]
     first = library.first(trajectory.gaits)
-    work = Work(len(np.unique(prototype_numbers % first[-1])))
+    work = Workload(len(np.unique(prototype_numbers % first[-1])))
     for g, (name, objects, _) in enumerate(crowd.characters):
         mine = prototype_numbers[
             (prototype_numbers % first[-1] >= first[g])

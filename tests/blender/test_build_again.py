@@ -58,8 +58,9 @@ def test_remove_brings_the_file_back(levelled):
 
 @pytest.mark.once
 def test_what_undo_loses_of_a_build_is_put_back_and_nothing_else(built):
-    """Blender's undo loses one of many now and then (docs/notes/blender_traps.md); here it is taken out by
-    hand.
+    """Blender's undo loses one of many now and then (docs/notes/blender_traps.md).
+
+    Here it is taken out by hand.
     """
 
     def contents():
@@ -192,7 +193,7 @@ def test_a_level_more_or_less_adds_or_takes_its_points_and_poses(built):
         list(make_levels(built))
         list(render_setup.build(read_crowd(built)))
         built.frame_set(2)
-        shown = {(kind, level) for kind in buckets.Kind for level in range(number)}
+        shown = {(kind, level) for kind in buckets.BucketKind for level in range(number)}
         assert buckets.points_of(built.crowd_lod.build).keys() == shown
         assert len(visible())
     assert counts() == whole

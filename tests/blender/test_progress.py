@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import bpy
 import pytest
-from crowd_lod_extension.crowd_lod.progress import Work, unsure
+from crowd_lod_extension.crowd_lod.progress import Workload, unsure
 from crowd_lod_extension.crowd_lod.time_left import TimeLeft
 from crowd_lod_extension.operators.blender import scene_cache
 from crowd_lod_extension.operators.cli import scene_files
@@ -112,7 +112,7 @@ def test_a_time_left_that_the_progress_contradicts_is_not_said():
 
 def test_what_takes_another_time_on_each_machine_tells_nothing_of_the_rest():
     left = TimeLeft()
-    making = Work(4)
+    making = Workload(4)
     told = [*making.take(unsure(part for part in (0.0, 0.5)), 2)]
     assert told == [0.0, 0.25] and left.words(told[0], 0) == left.words(told[1], 100) == ""
     assert left.words(0.5, 200) == ""

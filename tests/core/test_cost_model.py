@@ -30,7 +30,7 @@ from crowd_lod_extension.crowd_lod.levels.selection import (
     fit_in_memory,
     priced,
 )
-from crowd_lod_extension.crowd_lod.messages import Kind
+from crowd_lod_extension.crowd_lod.messages import MessageKind
 
 from ..support.cameras import straight
 
@@ -206,7 +206,7 @@ def test_lods_that_many_agents_show_pay_by_eevee_and_one_more_mesh_costs_by_cycl
     )  # which begins at 6 m, in the crowd's midst
     kept, gone = cheapest(slim, [0, 1], 1.0, replace(many, costs=CYCLES))
     assert kept == [0] and gone.keys() == {1}
-    assert gone[1].kind is Kind.NOT_WORTH_IT and gone[1].facts["engine"] == "Cycles"
+    assert gone[1].kind is MessageKind.NOT_WORTH_IT and gone[1].facts["engine"] == "Cycles"
     assert cheapest(BODY, range(5), 1.0, replace(many, costs=default_costs("EEVEE")))[0] != [0]
 
 

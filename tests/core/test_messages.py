@@ -2,18 +2,18 @@
 
 import pytest
 from crowd_lod_extension.crowd_lod.message_words import WORDS, Line, lines_of, listed
-from crowd_lod_extension.crowd_lod.messages import Kind, Message, from_json, to_json
+from crowd_lod_extension.crowd_lod.messages import Message, MessageKind, from_json, to_json
 
 NAMES = ["Witch", "King", "Fool", "Cook", "Page"]
 
 
 def height(name, meters):
-    return Message(Kind.HEIGHT, name, {"height": meters})
+    return Message(MessageKind.HEIGHT, name, {"height": meters})
 
 
 def test_two_characters_with_the_same_trouble_are_one_line():
     remedy = "crowd_lod.take_action"
-    glide = [Message(Kind.GLIDES, name, {"fit": "walk"}, remedy) for name in NAMES[:2]]
+    glide = [Message(MessageKind.GLIDES, name, {"fit": "walk"}, remedy) for name in NAMES[:2]]
     lines = lines_of([glide[0], height("King", 78.0), glide[1]], {remedy: "Walk Now"}.get)
     assert lines == [
         Line(
@@ -32,7 +32,9 @@ def test_two_characters_with_the_same_trouble_are_one_line():
 def test_of_many_subjects_two_are_named():
     assert listed(NAMES[:4]) == "Witch, King, Fool, Cook"
     assert listed([*NAMES, "King"]) == "Witch, King and 3 others"
-    (line,) = lines_of([Message(Kind.OBSTACLE, name, remedy="a.b") for name in NAMES], str.upper)
+    (line,) = lines_of(
+        [Message(MessageKind.OBSTACLE, name, remedy="a.b") for name in NAMES], str.upper
+    )
     assert line.sentence == (
         "5 objects stand in the crowd's way (Witch, King and 3 others): press A.B to lead agents "
         "round."
@@ -41,13 +43,13 @@ def test_of_many_subjects_two_are_named():
 
 def test_what_differs_stays_apart():
     speed = {"median": 0.0, "from_file": True}
-    crowds = [Message(Kind.SPEED, facts=speed, crowd=name) for name in ("Guests", "Crew")]
+    crowds = [Message(MessageKind.SPEED, facts=speed, crowd=name) for name in ("Guests", "Crew")]
     assert [line.sentence for line in lines_of(crowds, str)] == [
         "Guests: Nobody moves: check Frame Rate and Unit.",
         "Crew: Nobody moves: check Frame Rate and Unit.",
     ]
     moves = [
-        Message(Kind.ROOT_MOTION, name, {"action": action, "way": 1.5})
+        Message(MessageKind.ROOT_MOTION, name, {"action": action, "way": 1.5})
         for name, action in (("Witch", ""), ("King", "run"), ("Fool", ""))
     ]
     assert [line.sentence.partition(" in a")[0] for line in lines_of(moves, str)] == [
@@ -65,7 +67,7 @@ def test_of_feet_that_slide_each_gets_its_own_remedy():
             "stride": stride,
             "fits": fits,
         }
-        return Message(Kind.FEET_SLIDE, name, facts)
+        return Message(MessageKind.FEET_SLIDE, name, facts)
 
     told = lines_of(
         [slides("Witch", True, 1.5), slides("King", True, 2.0), slides("Fool", False, 3.0)], str
@@ -81,7 +83,7 @@ def test_of_feet_that_slide_each_gets_its_own_remedy():
 def test_they_are_kept_as_they_are():
     messages = (
         height("Witch", 0.1),
-        Message(Kind.IMAGE_MISSING, "King", {"paths": ["a\tb", "c\n"]}, "a.b", "Guests"),
+        Message(MessageKind.IMAGE_MISSING, "King", {"paths": ["a\tb", "c\n"]}, "a.b", "Guests"),
     )
     assert from_json(to_json(messages)) == messages
 
@@ -92,13 +94,13 @@ def test_of_any_other_text_there_are_none(text):
 
 
 def test_each_kind_has_words():
-    assert WORDS.keys() == set(Kind)
+    assert WORDS.keys() == set(MessageKind)
 
 
 def test_the_same_lod_of_two_characters_is_told_once_and_others_apart():
     def unmade(name, triangles, measured=True):
         facts = {"triangles": triangles, "measured": measured, "finer": 500}
-        return Message(Kind.SAVES_LITTLE, name, facts)
+        return Message(MessageKind.SAVES_LITTLE, name, facts)
 
     lods = [unmade("Witch", 450), unmade("King", 450), unmade("King", 420, measured=False)]
     assert [line.sentence for line in lines_of(lods, str)] == [

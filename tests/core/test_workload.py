@@ -1,11 +1,11 @@
 """Work in parts: the progress rises with what is done, part by part, to 1."""
 
 import pytest
-from crowd_lod_extension.crowd_lod.progress import Work
+from crowd_lod_extension.crowd_lod.progress import Workload
 
 
 def steps(count):
-    work = Work(count)
+    work = Workload(count)
     for _ in range(count):
         yield work.did(1)
     return count
@@ -13,7 +13,7 @@ def steps(count):
 
 def test_parts_count_by_what_they_cost():
     def whole():
-        work = Work(3)
+        work = Workload(3)
         made = yield from work.take(steps(2), 1)
         made += yield from work.take(steps(4), 2)
         return made
@@ -28,7 +28,7 @@ def test_parts_count_by_what_they_cost():
 
 
 def test_the_progress_stands_during_a_part_without_cost():
-    work = Work(2)
+    work = Workload(2)
     work.did(1)
     assert list(work.take(bare_steps(3))) == [0.5] * 3
 
@@ -39,7 +39,7 @@ def bare_steps(count):
 
 
 def test_work_that_is_announced_later_sets_the_progress_back_and_less_moves_it_on():
-    work = Work(2)
+    work = Workload(2)
     assert work.did(1) == 0.5
     work.announce(3)
     assert work.did(0) == 0.25
@@ -48,7 +48,7 @@ def test_work_that_is_announced_later_sets_the_progress_back_and_less_moves_it_o
 
 
 def test_more_than_was_announced_ends_at_1():
-    work = Work(1)
+    work = Workload(1)
     assert [work.did(1), work.did(1)] == [1, 1]
 
 
@@ -61,7 +61,7 @@ def test_a_part_that_is_closed_early_cleans_up_at_once():
         finally:
             cleaned.append(True)
 
-    taking = Work(1).take(part(), 1)
+    taking = Workload(1).take(part(), 1)
     next(taking)
     taking.close()
     assert cleaned
