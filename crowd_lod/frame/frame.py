@@ -56,7 +56,7 @@ class Frame(Request, Outcome):
     hidden: (n,) bool, agents in the picture that scenery hides, and who are not in `buckets`; None
         if not looked for (frame/hidden.py).
     plan_row: (n,) uint8, what the shot plan has of the agents (frame/planned.py), if the LODs are
-        its, or what exceptions alone have; else None.
+        its, or what overrides alone have; else None.
     by_plan: whether `plan_row` is the shot plan's.
     unplanned: a sentence why a stored shot plan does not give them, or "".
 

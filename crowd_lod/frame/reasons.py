@@ -7,7 +7,7 @@ import numpy as np
 from ..culling.frustum import frustum_of
 from ..levels.assignment import assign, deviations, limits
 from .frame import Frame
-from .planned import EXCEPTED, HIDDEN
+from .planned import HIDDEN, OVERRIDDEN
 
 REASONS = (
     "near enough",
@@ -31,7 +31,7 @@ REASONS = (
     BESIDE,
     LEFT_OUT,
     SHOT_PLAN,
-    EXCEPTION,
+    OVERRIDE,
     BEHIND_SCENERY,
     ABSENT,
 ) = range(len(REASONS))
@@ -42,9 +42,9 @@ def reasons(frame: Frame) -> np.ndarray:
 
     A culled agent lies before near or beyond far of the first camera by its sphere, or else beside
     the view. A LOD that the distance alone does not give comes from the detail map, stands in for a
-    finer one that builds leave out (LevelPolicy.finest), or comes from the shot plan. An exception
-    from the shot plan is the reason wherever it pins the LOD of a visible agent, or hides the
-    agent. An agent that is not there has no other reason, unless an exception hides it.
+    finer one that builds leave out (LevelPolicy.finest), or comes from the shot plan. An override
+    of the shot plan is the reason wherever it pins the LOD of a visible agent, or hides the
+    agent. An agent that is not there has no other reason, unless an override hides it.
     """
     crowd = frame.crowd
     policy = frame.policy
@@ -83,6 +83,6 @@ def reasons(frame: Frame) -> np.ndarray:
         reason[~crowd.present] = ABSENT
     if frame.plan_row is not None:
         reason[
-            (frame.plan_row & HIDDEN != 0) | (frame.visible & (frame.plan_row & EXCEPTED != 0))
-        ] = EXCEPTION
+            (frame.plan_row & HIDDEN != 0) | (frame.visible & (frame.plan_row & OVERRIDDEN != 0))
+        ] = OVERRIDE
     return reason
