@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..culling.frustum import frustum_of
-from ..levels.assignment import assign, deviations, limits
+from ..levels.assignment import assign, deviations, threshold_distances
 from .frame import Frame
 from .planned import HIDDEN, OVERRIDDEN
 
@@ -49,16 +49,18 @@ def reasons(frame: Frame) -> np.ndarray:
     crowd = frame.crowd
     policy = frame.policy
     spheres = frame.trajectory.spheres
-    begins = frame.begins
+    thresholds = frame.thresholds
     finest = 0
     if any(policy.finest):
         deviation = deviations(frame.trajectory.groups, policy)
-        begins = limits(replace(policy, finest=()), frame.camera, spheres.radius, deviation)
+        thresholds = threshold_distances(
+            replace(policy, finest=()), frame.camera, spheres.radius, deviation
+        )
         finest = np.array(policy.finest)[crowd.group]
-    plain = assign(frame.distances, begins, crowd.group)
+    plain = assign(frame.distances, thresholds, crowd.group)
     painted = plain
     if frame.bias is not None:
-        painted = assign(frame.distances, begins, crowd.group, frame.factors)
+        painted = assign(frame.distances, thresholds, crowd.group, frame.factors)
     reason = np.full(len(crowd), DISTANCE, np.uint8)
     reason[painted != plain] = DETAIL_MAP
     reason[painted < finest] = LEFT_OUT
