@@ -4,7 +4,7 @@
 
 10,000 people of the plaza at 1,920 x 1,080 pixels, by one pixel, with six LODs each. Each camera
 is run through once; thresholds, causal hysteresis of several widths and plans of several values of
-Extra Cost for Fewer Pops decide on the same survey. Switches are counted where an agent is in sight
+Pop Reduction decide on the same survey. Switches are counted where an agent is in sight
 before and after, and weighed by the same bound for all. Then the growth with agents and frames.
 Last, what a baked shot takes with its plan and without: file, memory and time of a frame in Cycles.
 """

@@ -24,7 +24,7 @@ def shot_facts(
     """Return the fields `preview`, `left_out`, `frames`, `made_for` and `shot` of plan.json.
 
     They hold no times, so that two runs give the same file.
-    requested: the settings of the plan: Extra Cost for Fewer Pops, and the budget.
+    requested: the settings of the plan: Pop Reduction, and the budget.
     overrides: as plain data.
     points: which budgets are possible, by the pixels that LODs may deviate.
     """

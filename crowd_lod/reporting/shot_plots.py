@@ -210,10 +210,14 @@ def _error_plot(curve: Curve, agents: int) -> str:
 
 def _avoid_plot(curve: Curve) -> str:
     points = sorted(
-        (max(p.above, 0.0) * 100, p.switches) for p in curve.points if p.kind in ("avoid", "plan")
+        (max(p.above, 0.0) * 100, p.switches)
+        for p in curve.points
+        if p.kind in ("pop_reduction", "plan")
     )
     marked_points = [p for p in reversed(curve.points) if p.kind in ("plan", "thresholds")]
-    most = max(p.switches for p in curve.points if p.kind in ("avoid", "plan", "thresholds"))
+    most = max(
+        p.switches for p in curve.points if p.kind in ("pop_reduction", "plan", "thresholds")
+    )
     if not most:
         return ""
     x = svg.across("Cost above that of thresholds, %", 0.0, max(above for above, _ in points))
@@ -233,7 +237,7 @@ def _avoid_plot(curve: Curve) -> str:
             "circle",
             [f"{p.kind}: {p.switches:,} switches, {max(p.above, 0.0):.1%} more cost"],
         )
-    text = "What other values of Extra Cost for Fewer Pops would cost. The blue mark is this plan."
+    text = "What other values of Pop Reduction would cost. The blue mark is this plan."
     legend = _legend([svg.Series(kind, np.empty(0), color) for kind, color in colors.items()])
     return (
         f"<h3>Switches against "

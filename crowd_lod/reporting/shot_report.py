@@ -160,9 +160,7 @@ def warnings_of(report: ShotReport) -> list[str]:
         plan.thresholds.switches.sum()
         and plan.bill.switches.sum() >= plan.thresholds.switches.sum()
     ):
-        sentences.append(
-            "The plan avoids no switch: raise Extra Cost for Fewer Pops, or the tolerance."
-        )
+        sentences.append("The plan avoids no switch: raise Pop Reduction, or the tolerance.")
     empty = survey.count(SEEN) == 0
     if empty.any():
         sentences.append(f"No character is seen in {_frames(survey.numbers[empty])}.")

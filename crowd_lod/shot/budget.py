@@ -91,28 +91,28 @@ def _memory(shot: Shot, shown: np.ndarray) -> float:
 
 
 def decide_within(
-    shot: Shot, budget: Budget, avoid: float = 0.05
+    shot: Shot, budget: Budget, pop_reduction: float = 0.05
 ) -> Generator[float, None, BudgetPlan]:
     """Decide on all LODs of the shot within the budget: yield the progress, return the BudgetPlan.
 
     Where the policy's LODs do not fit, the tolerance rises until they do. A budget that the plan
     of `decide` keeps changes nothing.
-    avoid: as for `decide`, which finds the weight of switches by it. With less triangles to spend
-        the plan may switch more often.
+    pop_reduction: as for `decide`, which finds the weight of switches by it. With less triangles
+        to spend the plan may switch more often.
     CrowdError if no plan is within the budget.
     """
     limits = _limits(shot, budget)
     _check(shot, limits)
     further = 0.0 if budget == Budget() else TOLERATED + PLANNED + FITTED
     work = Workload(PLANNED + further)
-    plan = yield from work.take(decide(shot, avoid), PLANNED)
+    plan = yield from work.take(decide(shot, pop_reduction), PLANNED)
     if limits.hold(shot, plan.bill.agents_shown):
         return BudgetPlan(**vars(plan), tolerance=0.0)
     thresholds = plan.thresholds
     tolerance = SPARE * (yield from work.take(_least_tolerance(shot, limits), TOLERATED))
     wide = relaxed(shot, tolerance)
     if tolerance:
-        plan = yield from work.take(decide(wide, avoid), PLANNED)
+        plan = yield from work.take(decide(wide, pop_reduction), PLANNED)
     work.announce(FITTED)
     found = yield from work.take(_within(wide, limits, plan), FITTED)
     least = objective(plan.bill, plan.weight) / (1 + plan.bound)

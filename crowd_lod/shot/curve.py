@@ -22,13 +22,13 @@ WIDTH = 0.2  # of hysteresis, as a part of the distance
 class Point:
     """One way to choose a shot's LODs, and what it costs.
 
-    kind: "tolerance" (the coarsest LODs within it), "avoid" (a plan, pops weighted less or more),
-        "plan", "thresholds" (the scene's own, frame by frame), "hysteresis".
+    kind: "tolerance" (the coarsest LODs within it), "pop_reduction" (a plan, pops weighted less
+        or more), "plan", "thresholds" (the scene's own, frame by frame), "hysteresis".
     tolerance: pixels that LODs were chosen by, or None.
     error: the most pixels by which a LOD deviates.
     seconds, triangles, memory: parts of what full detail takes.
-    above: part by which it costs more than thresholds in time, memory or instances, as Extra Cost
-        for Fewer Pops.
+    above: part by which it costs more than thresholds in time, memory or instances, as
+        Pop Reduction.
     switches: in sight.
     """
 
@@ -87,7 +87,7 @@ def curve_of(shot: Shot, plan: ShotPlan, tolerance: float | None) -> Generator[f
     yield work.did(SWEPT)
     for factor in WEIGHTS:
         other, _ = yield from work.take(solved(sample, thresholds, factor * plan.weight), 1)
-        made = point("avoid", other)
+        made = point("pop_reduction", other)
         if made not in points and replace(made, kind="plan") not in points:
             points.append(made)
     return Curve(len(survey.group), points)

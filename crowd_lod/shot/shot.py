@@ -188,17 +188,17 @@ class ShotPlan:
     bound: float
 
 
-def decide(shot: Shot, avoid: float = 0.05) -> Generator[float, None, ShotPlan]:
+def decide(shot: Shot, pop_reduction: float = 0.05) -> Generator[float, None, ShotPlan]:
     """Decide on all LODs of the shot: yield the progress, return the ShotPlan.
 
-    avoid: the part by which time, memory and instances may cost more than the cheapest LODs, to
-        avoid switches in sight. 0 still avoids those that cost nothing.
+    pop_reduction: the part by which time, memory and instances may cost more than the cheapest
+        LODs, to avoid switches in sight. 0 still avoids those that cost nothing.
     """
-    limit = _limit(shot, avoid)
+    limit = _limit(shot, pop_reduction)
     # where agents share meshes that cost much, few agents would share them less
     few = SHARING if limit.thresholds.meshes_matter else SAMPLE
     sample, _ = sampled(shot, max(few, len(shot.survey.group) // 100))
-    sample_limit = limit if sample is shot else _limit(sample, avoid)
+    sample_limit = limit if sample is shot else _limit(sample, pop_reduction)
     work = Workload(SEARCHED + SOLVED + BOUNDED)
     weight, solution = yield from work.take(_search_weight(sample_limit), SEARCHED)
     for step in range(STEPS):
@@ -230,13 +230,13 @@ class Limit:
 
     thresholds: what the LODs cost that the policy gives frame by frame.
     cheapest: what one LOD a character costs, where that is less; else `thresholds`.
-    avoid: what a plan may cost more than the cheapest, as a part of what the thresholds' LODs
-        cost.
+    pop_reduction: what a plan may cost more than the cheapest, as a part of what the
+        thresholds' LODs cost.
     """
 
     thresholds: Bill
     cheapest: Bill
-    avoid: float
+    pop_reduction: float
 
     @property
     def levels(self) -> np.ndarray:
@@ -246,19 +246,19 @@ class Limit:
 
     def holds(self, found: Bill) -> bool:
         """Return whether a plan may cost as much as `found`."""
-        return found.above(self.cheapest, self.thresholds) <= self.avoid
+        return found.above(self.cheapest, self.thresholds) <= self.pop_reduction
 
 
-def _limit(shot: Shot, avoid: float) -> Limit:
-    """Return what a plan may cost that may pay the part `avoid` to avoid switches in sight."""
+def _limit(shot: Shot, pop_reduction: float) -> Limit:
+    """Return what a plan may cost with this part paid to avoid switches in sight."""
     thresholds = Bill(shot, shot.survey.coarsest)
     if thresholds.meshes_matter:
         levels = by_character(shot, thresholds.mesh_seconds, 0.0)
         found = Bill(shot, levels)
         if found.above(thresholds) <= 0:
-            return Limit(thresholds, found, avoid)
+            return Limit(thresholds, found, pop_reduction)
     least = Bill(shot, shot.allowed, shot.least_shown)
-    return Limit(thresholds, thresholds, max(avoid, least.above(thresholds)))
+    return Limit(thresholds, thresholds, max(pop_reduction, least.above(thresholds)))
 
 
 def objective(found: Bill, weight: float) -> float:

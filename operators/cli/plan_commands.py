@@ -35,7 +35,7 @@ def add_plan_shot(commands, program: str) -> None:
     add_out(command, "DIR", "the folder for the plan and its report (default: SCENE_plan)")
     add_setting(command, "--seed", "seed", "N")
     add_setting(command, "--tolerance", "tolerance", "PX")
-    add_setting(command, "--avoid-pops", "avoid_pops", "PART")
+    add_setting(command, "--pop-reduction", "pop_reduction", "PART")
     add_setting(command, "--triangles", "budget_triangles", "N")
     add_setting(command, "--lod0", "budget_finest", "N")
     add_setting(command, "--memory", "budget_memory", "MB")

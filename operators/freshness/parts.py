@@ -133,14 +133,21 @@ def plan_parts(scene: bpy.types.Scene) -> dict[str, str]:
     settings = scene.crowd_lod
     inputs = plan_inputs(read_crowd(scene))
     request = request_parts(
-        scene, scene_data.frames_of(scene), round(settings.avoid_pops, 6), budget_of(settings)
+        scene, scene_data.frames_of(scene), round(settings.pop_reduction, 6), budget_of(settings)
     )
     return inputs | request
 
 
-def request_parts(scene: bpy.types.Scene, frames, avoid: float, budget: Budget) -> dict[str, str]:
+def request_parts(
+    scene: bpy.types.Scene, frames, pop_reduction: float, budget: Budget
+) -> dict[str, str]:
     """Return what is asked of a plan: its cameras' motion, its frames, and how it chooses."""
-    asked = camera_motion(scene), text_digest(list(frames)), f"{avoid:g}", text_digest(budget)
+    asked = (
+        camera_motion(scene),
+        text_digest(list(frames)),
+        f"{pop_reduction:g}",
+        text_digest(budget),
+    )
     return dict(zip(ASKED, asked, strict=True))
 
 

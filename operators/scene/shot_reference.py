@@ -39,7 +39,7 @@ CAMERA = "the camera"
 MESHES = "the LOD meshes"
 OVERRIDES = "the overrides"
 # what is asked of a plan: a frame may use it although these differ
-ASKED = CAMERA, "the frames", "Extra Cost for Fewer Pops", "the budget"
+ASKED = CAMERA, "the frames", "Pop Reduction", "the budget"
 ABOUT = "version", "blend_file", "made_for"  # arrays of a plan's file that say nothing of its LODs
 
 

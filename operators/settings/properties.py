@@ -60,15 +60,15 @@ class CrowdLodSettings(*ALL, bpy.types.PropertyGroup):
     crowd_index: IntProperty(
         name="Active Crowd", min=0, description="Which of the further crowds the sidebar shows"
     )
-    avoid_percent: FloatProperty(
-        name="Extra Cost for Fewer Pops",
-        get=lambda settings: 100 * settings.avoid_pops,
-        set=lambda settings, value: setattr(settings, "avoid_pops", value / 100),
+    pop_reduction_percent: FloatProperty(
+        name="Pop Reduction (max. extra cost)",
+        get=lambda settings: 100 * settings.pop_reduction,
+        set=lambda settings, value: setattr(settings, "pop_reduction", value / 100),
         min=0,
         soft_max=100,
         precision=1,
         subtype="PERCENTAGE",
-        description="Avoid Pops in percent: by how much a shot's time, memory and triangles may "
+        description="Pop Reduction in percent: by how much a shot's time, memory and triangles may "
         "grow so that fewer characters change their LOD in sight",
     )
     groups: CollectionProperty(

@@ -34,8 +34,8 @@ class FrameSettings:
 class PlanSettings:
     """How a shot plan decides."""
 
-    avoid_pops: FloatProperty(
-        name="Extra Cost for Fewer Pops",
+    pop_reduction: FloatProperty(
+        name="Pop Reduction (max. extra cost)",
         default=0.05,
         min=0,
         soft_max=1,

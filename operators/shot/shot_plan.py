@@ -68,13 +68,13 @@ class PlanRequest:
 
     frames: increasing, of the timeline.
     folder: where the plan goes.
-    avoid: the part by which the shot may cost more, to avoid switches in sight.
+    pop_reduction: the part by which the shot may cost more, to avoid switches in sight.
     budget: what each frame may take.
     """
 
     frames: Sequence[int]
     folder: Path
-    avoid: float = 0.05
+    pop_reduction: float = 0.05
     budget: Budget = Budget()
 
 
@@ -102,9 +102,9 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
 
     LOD meshes that are missing are made. Nothing else in the scene changes.
     """
-    if not 0 <= request.avoid < 1e6:
+    if not 0 <= request.pop_reduction < 1e6:
         raise CrowdError(
-            f"Extra Cost for Fewer Pops is {request.avoid:g}; give the part of the cost that it "
+            f"Pop Reduction is {request.pop_reduction:g}; give the part of the cost that it "
             f"may add, such as 0.05."
         )
     check_recorded(scene, "Plan Shot")
@@ -125,7 +125,7 @@ def _plan_ready(crowd: SceneCrowd, request: PlanRequest) -> Generator[float, Non
     overrides = overrides_of(crowd, request.frames)
     yield from work.take(cast_provenance.reading(crowd.scene))
     made_for = shot_reference.plan_inputs(crowd) | request_parts(
-        crowd.scene, request.frames, request.avoid, request.budget
+        crowd.scene, request.frames, request.pop_reduction, request.budget
     )
     through = yield from work.take(survey_of(crowd, request.frames), SURVEY)
     coloring = plan_phases(
@@ -139,7 +139,7 @@ def _plan_ready(crowd: SceneCrowd, request: PlanRequest) -> Generator[float, Non
     casting = run_in_thread(lambda: recast(through.survey, phases.phases))
     survey = yield from work.take(casting)
     shot = yield from work.take(_shot_of(crowd, override_survey(survey, overrides)))
-    deciding = run_steps_in_thread(decide_within(shot, request.budget, request.avoid))
+    deciding = run_steps_in_thread(decide_within(shot, request.budget, request.pop_reduction))
     plan = yield from work.take(deciding, decision)
     report = yield from work.take(_report_on(crowd, through, phases, shot, plan), REPORT)
     points = yield from work.take(run_steps_in_thread(find_points(shot, tolerance)), POINTS)
@@ -295,7 +295,7 @@ def requested_of(request: PlanRequest) -> dict[str, Any]:
         name: value for name, value in vars(request.budget).items() if value not in (None, inf)
     }
     return {
-        "avoid_pops": request.avoid,
+        "pop_reduction": request.pop_reduction,
         "budget": budget,
     }
 
@@ -327,7 +327,7 @@ def wanted_of(scene: bpy.types.Scene, folder: Path, frames: Sequence[int]) -> Pl
     return PlanRequest(
         frames,
         folder,
-        avoid=round(settings.avoid_pops, 6),
+        pop_reduction=round(settings.pop_reduction, 6),
         budget=budget_of(settings),
     )
 

@@ -32,7 +32,7 @@ class CROWDLOD_PT_plan(Step, bpy.types.Panel):
     main = ("crowd_lod.plan_shot", "Plan")
 
     def body(self, context, layout, settings) -> None:
-        wide(layout, settings, "avoid_percent")
+        wide(layout, settings, "pop_reduction_percent")
         _with_report(
             layout, "crowd_lod.plan_shot", "TIME", "PLAN", steps.next_operator(context.scene)
         )

@@ -54,7 +54,7 @@ def test_what_no_option_gives_stays(settings):
             ("plan", "--seed", 2**31),
             "--seed is 2147483648: give a whole number from 0 to 2,147,483,647.",
         ),
-        (("plan", "--avoid-pops", "nan"), "--avoid-pops is nan: give a number from 0 on."),
+        (("plan", "--pop-reduction", "nan"), "--pop-reduction is nan: give a number from 0 on."),
         (("plan", "--memory", "inf"), "--memory is inf: give a number from 0 on."),
         (("simulate", "--seconds", 0), "--seconds is 0.0: give a number from 0.1 to 36,000."),
     ],

@@ -156,8 +156,8 @@ def test_no_poll_raises_without_a_scene():
 
 
 # what Populate and the handlers write; and lists, which have buttons of their own
-# avoid_pops is drawn in percent
-NOT_DRAWN = {"points_count", "start_places", "terrain_mesh", "areas_image", "avoid_pops"}
+# pop_reduction is drawn in percent
+NOT_DRAWN = {"points_count", "start_places", "terrain_mesh", "areas_image", "pop_reduction"}
 LISTED = {"areas", "overrides", "override_index"}
 BUDGETS = {setting for setting, _, _ in LIMITS.values()}  # drawn from that table
 

@@ -31,7 +31,7 @@ def zoomed(levelled):
         lens.keyframe_insert("lens", frame=frame)
     levelled.crowd_lod.choice = "BY_TOLERANCE"
     levelled.crowd_lod.tolerance = 4.0
-    levelled.crowd_lod.avoid_pops = 0.5
+    levelled.crowd_lod.pop_reduction = 0.5
     return levelled
 
 
@@ -266,7 +266,7 @@ def test_a_budget_holds_in_every_frame(zoomed, tmp_path):
 
 
 def test_the_largest_switches_are_gone_to_in_turn(zoomed, tmp_path):
-    zoomed.crowd_lod.avoid_pops = 0.0
+    zoomed.crowd_lod.pop_reduction = 0.0
     planned(zoomed, tmp_path / "plan")
     with (tmp_path / "plan" / "switches.csv").open() as file:
         rows = sorted(csv.DictReader(file), key=lambda row: -float(row["change_px"]))

@@ -65,5 +65,5 @@ def test_report_tells_the_stages_and_the_curve(levelled, tmp_path):
         "thresholds",
         "hysteresis",
         "tolerance",
-        "avoid",
+        "pop_reduction",
     }

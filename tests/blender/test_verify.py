@@ -336,7 +336,7 @@ def test_predictions_hold_where_planned_lods_switch(levelled, tmp_path, capfd, m
     file = tmp_path / "zoom.blend"
     plan = tmp_path / "plan"
     bpy.ops.wm.save_as_mainfile(filepath=str(file))
-    asked = ("plan", file, "--frames", "1:6", "--avoid-pops", 0, "--quiet", "--out", plan)
+    asked = ("plan", file, "--frames", "1:6", "--pop-reduction", 0, "--quiet", "--out", plan)
     assert run(*asked) == 0
     if "budget" in more:
         rows = list(csv.DictReader((plan / "frames.csv").open()))

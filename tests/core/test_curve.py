@@ -90,7 +90,7 @@ def test_sweep_keeps_its_tolerances_and_more_tolerance_costs_no_more():
 
 def test_more_weight_of_pops_means_fewer_of_them():
     shot, plan = planned(tolerance=1.0)
-    points = of_kind(finished(curve_of(shot, plan, 1.0)), "avoid")
+    points = of_kind(finished(curve_of(shot, plan, 1.0)), "pop_reduction")
     most = points[0]
     least = points[-1]
     assert (
@@ -159,6 +159,10 @@ def test_by_ratio_there_is_no_hysteresis_and_no_point_comes_twice():
     )
     few = finished(curve_of(*planned(lods=1), TOLERANCE))
     for points in (curve.points, few.points):
-        plans = [replace(point, kind="plan") for point in points if point.kind in ("plan", "avoid")]
+        plans = [
+            replace(point, kind="plan")
+            for point in points
+            if point.kind in ("plan", "pop_reduction")
+        ]
         assert len(plans) == len(set(plans))
-    assert of_kind(few, "avoid") == []
+    assert of_kind(few, "pop_reduction") == []

@@ -135,8 +135,8 @@ def test_plan_lies_between_its_bound_and_the_best(engine, gap, lods):
 @pytest.mark.parametrize("tolerance", [0.5, 1.7])
 def test_no_visible_switch_shows_more_than_twice_the_tolerance(engine, seed, tolerance):
     shot = some_shot(seed, agents=30, frames=20, lods=4, engine=engine, tolerance=tolerance)
-    for avoid in (0, 0.05, 1):
-        plan = finished(decide(shot, avoid))
+    for pop_reduction in (0, 0.05, 1):
+        plan = finished(decide(shot, pop_reduction))
         pixels = switches(shot, Grid(shot.survey).of(plan.levels))
         assert plan.bill.most == max(pixels, default=0) <= 2 * tolerance
         assert (plan.bill.switches.sum(), plan.bill.pixels.sum()) == (
@@ -153,8 +153,8 @@ def test_no_visible_switch_shows_more_than_twice_the_tolerance(engine, seed, tol
 @pytest.mark.parametrize("seed", range(6))
 def test_unseen_agents_have_the_lod_with_which_they_are_seen_next(engine, seed):
     shot = some_shot(seed, agents=10, frames=12, engine=engine)
-    for avoid in (0, 0.05):
-        levels = Grid(shot.survey).of(finished(decide(shot, avoid)).levels)
+    for pop_reduction in (0, 0.05):
+        levels = Grid(shot.survey).of(finished(decide(shot, pop_reduction)).levels)
         for a in range(10):
             for f in np.flatnonzero(~Grid(shot.survey).is_seen[:, a]):
                 later = np.flatnonzero(Grid(shot.survey).is_seen[f:, a])
@@ -172,20 +172,20 @@ def test_switches_at_cuts_are_free():
 
 @pytest.mark.once
 @pytest.mark.parametrize("engine", ENGINES)
-@pytest.mark.parametrize("avoid", [0, 0.05, 0.4])
-def test_avoid_is_kept(engine, avoid):
+@pytest.mark.parametrize("pop_reduction", [0, 0.05, 0.4])
+def test_pop_reduction_is_kept(engine, pop_reduction):
     for seed in range(3):
         shot = some_shot(seed, agents=40, frames=10, lods=4, engine=engine, tolerance=2, each=2)
         Grid(shot.survey).scale[:] = np.where(
             Grid(shot.survey).is_seen, 40 + seed, 0
         )  # no switch of more than twice the tolerance
-        plan = finished(decide(shot, avoid))
+        plan = finished(decide(shot, pop_reduction))
         for own, least in (
             (plan.bill.price.seconds, plan.thresholds.price.seconds),
             (plan.bill.price.memory, plan.thresholds.price.memory),
             (plan.bill.instanced, plan.thresholds.instanced),
         ):
-            assert own <= least * (1 + avoid) * (1 + 1e-12)
+            assert own <= least * (1 + pop_reduction) * (1 + 1e-12)
         assert plan.bill.pixels.sum() <= plan.thresholds.pixels.sum()
 
 
