@@ -304,7 +304,7 @@ def populate(
 
     The same arguments give the same crowd, bit for bit.
 
-    Position: uniform on the labels where `machine` lets agents start.
+    Position: uniform on the labels where `machine` lets agents spawn.
     State: by the start weights of `machine`.
     Group: uniform, of as many as `groups` says, or by the weights in it.
     Phase: uniform, of `classes`.
@@ -313,13 +313,13 @@ def populate(
     Agents of one group follow one another. From IN_PLACE agents on, each group follows a Morton
     curve.
 
-    CrowdError if a count is out of range, or if no label lets agents start.
+    CrowdError if a count is out of range, or if no label lets agents spawn.
     """
     check_counts(count, groups)
     open_cells = np.flatnonzero(machine.spawn[world.labels])
     if not len(open_cells):
         raise CrowdError(
-            "The map has no place where agents may start: paint a label whose spawn is true."
+            "The map has no place where agents may spawn: paint a label whose spawn is true."
         )
     random = np.random.Generator(np.random.PCG64(seed))
     cell = open_cells[random.integers(len(open_cells), size=count)]

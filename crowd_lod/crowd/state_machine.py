@@ -270,7 +270,7 @@ def parse(text: str, where: str) -> StateMachine:
 
 
 def _read_labels(reader: Reader, value: object) -> tuple[tuple[str, ...], list[Color], list[bool]]:
-    """Return the names of the labels, their colors, and whether agents may start on each."""
+    """Return the names of the labels, their colors, and whether agents may spawn on each."""
     entries = reader.table(value, ("labels",), filled=True)
     labels = tuple(entries)
     colors: list[Color] = []
@@ -288,5 +288,5 @@ def _read_labels(reader: Reader, value: object) -> tuple[tuple[str, ...], list[C
         colors.append(color)
         spawn.append(reader.boolean(fields.get("spawn", True), (*path, "spawn")))
     if not any(spawn):
-        reader.fail(("labels",), "leaves no label where agents may start: set spawn to true on one")
+        reader.fail(("labels",), "leaves no label where agents may spawn: set spawn to true on one")
     return labels, colors, spawn

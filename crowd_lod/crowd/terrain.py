@@ -102,7 +102,7 @@ class Terrain:
         return z
 
     def start(self, x: np.ndarray, y: np.ndarray, last: np.ndarray) -> np.ndarray:
-        """Return world z (n,) float64 of where agents start: as `at`, but with HEADROOM."""
+        """Return world z (n,) float64 of where agents spawn: as `at`, but with HEADROOM."""
         z = np.full(len(x), float(self.z))
         for agents, height, _ in self._find_ground(x, y, last, HEADROOM / self.meters):
             z[agents] = height

@@ -19,7 +19,7 @@ from . import provenance, removal
 from .mesh_data import ReadMesh, read_mesh
 from .ownership import OWNED
 
-NAMES = "start_places", "terrain_mesh"  # the settings that refer to one
+NAMES = "spawn_places", "terrain_mesh"  # the settings that refer to one
 
 
 @contextmanager

@@ -354,8 +354,8 @@ class CrowdLodMachineEditor(bpy.types.PropertyGroup):
         **_color_field("labels"),
     )
     spawn: BoolProperty(
-        name="Agents Start Here",
-        description="Agents may start on this label",
+        name="Agents Spawn Here",
+        description="Agents may spawn on this label",
         get=lambda self: (
             draft_of(self.id_data).label(selected_name(self.id_data, "labels")).get("spawn")
             is not False

@@ -45,7 +45,7 @@ def find_obstacles(
         *scene.crowd_lod.characters.all_objects,
         *walls,
         settings.terrain_object,
-        settings.start_object,
+        settings.spawn_object,
         settings.terrain,
     }
     body = np.array(BODY) / scene_data.meters(scene)

@@ -121,10 +121,10 @@ class CrowdSettings:
         max=MOST_AGENTS,
         description="Number of agents in the crowd",
     )
-    start_on: EnumProperty(
+    spawn_on: EnumProperty(
         update=outdate,
-        name="Start On",
-        description="Where the agents that the state machine moves start",
+        name="Spawn On",
+        description="Where the agents that the state machine moves spawn",
         items=[
             (
                 "RECTANGLE",
@@ -137,10 +137,10 @@ class CrowdSettings:
             ("POINTS", "Points", "On the instances, points or vertices of an object"),
         ],
     )
-    start_object: PointerProperty(
+    spawn_object: PointerProperty(
         type=bpy.types.Object,
         name="Object",
-        description="Object whose faces, curves or points the agents start on",
+        description="Object whose faces, curves or points the agents spawn on",
     )
     density_group: StringProperty(
         name="Vertex Group",
@@ -155,7 +155,7 @@ class CrowdSettings:
     density_volumes: PointerProperty(
         type=bpy.types.Collection,
         name="Volumes",
-        description="Collection of objects: agents start within their boxes alone",
+        description="Collection of objects: agents spawn within their boxes alone",
     )
     spacing: FloatProperty(
         update=outdate,
@@ -190,10 +190,10 @@ class CrowdSettings:
         description="Angle added to where agents face: inward from a closed curve, to the right "
         "of an open one",
     )
-    start_places: PointerProperty(
+    spawn_places: PointerProperty(
         type=bpy.types.Mesh,
         name="Places",
-        description="Places to start on an object, as Populate drew them",
+        description="Places to spawn at on an object, as Populate drew them",
     )
     seed: IntProperty(name="Seed", min=0, description="The same seed gives the same crowd")
     center: FloatVectorProperty(
@@ -279,9 +279,9 @@ class BehaviorSettings:
 class SimulationSettings:
     """What Simulate with JuPedSim makes of the label map."""
 
-    start_labels: StringProperty(
-        name="Starts",
-        description="Labels that agents start on, such as platform, hall; where the state machine "
+    spawn_labels: StringProperty(
+        name="Spawn Labels",
+        description="Labels that agents spawn on, such as platform, hall; where the state machine "
         "lets them if empty",
     )
     goal_labels: StringProperty(

@@ -105,7 +105,7 @@ def crowd_json(crowd: SceneCrowd) -> dict[str, Any]:
     return {
         "count": len(trajectory.parts[0].start),
         "seed": settings.seed,
-        "starts_on": settings.start_on,
+        "spawn_on": settings.spawn_on,
         "area": {
             "x": [area.x_min * meters, area.x_max * meters],
             "y": [area.y_min * meters, area.y_max * meters],

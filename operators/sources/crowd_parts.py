@@ -11,7 +11,7 @@ from ..characters.cast_provenance import MOTION, motions
 from ..characters.characters import all_characters
 from ..machine.terrain_source import terrain_digest
 from .crowd_sources import crowds_of
-from .start_source import places_digest
+from .spawn_source import places_digest
 
 MADE_OF = "crowd_lod_crowd_made_of"  # custom property of the scene
 GROUPS = "the character groups"
@@ -70,5 +70,5 @@ def _ground_parts(scene: bpy.types.Scene) -> dict[str, str]:
     for number, crowd in enumerate(crowds_of(scene.crowd_lod), start=1):
         whose = f" of crowd {number}" if number > 1 else ""
         parts[f"the terrain{whose}"] = terrain_digest(crowd)
-        parts[f"the start places{whose}"] = places_digest(crowd)
+        parts[f"the spawn places{whose}"] = places_digest(crowd)
     return {name: digest for name, digest in parts.items() if digest}

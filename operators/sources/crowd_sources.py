@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.behavior.walk import Walk
-from ...crowd_lod.crowd import start_places
+from ...crowd_lod.crowd import spawn_places
 from ...crowd_lod.crowd.agents import Crowd, Draw, Group, populate
 from ...crowd_lod.crowd.bounding_spheres import cover_sizes, cover_wardrobes
 from ...crowd_lod.crowd.maps import LabelMap
@@ -25,7 +25,7 @@ from ...crowd_lod.tracks.cast import groups_of_agents
 from ..blender import image_data, scene_cache, scene_data, stored_values
 from ..machine import terrain_source
 from ..machine.scene_world import area_of, heights_of, machine_of, names_in, world_of
-from . import crowd_overrides, start_source, tracks_source
+from . import crowd_overrides, spawn_source, tracks_source
 from .points_source import points_of_crowd
 
 # Trajectories by the digest of all they depend on.
@@ -106,7 +106,7 @@ def read_sources(
     """
     work = Workload(10 * len(crowds))
     for crowd in crowds:
-        start_source.read_places(crowd, forward, depsgraph)
+        spawn_source.read_places(crowd, forward, depsgraph)
         terrain_source.read_terrain(crowd, depsgraph)
         yield work.did(1)
     reading = tracks_source.read_files(crowds, scene_data.frame_rate(crowds[0].id_data))
@@ -121,8 +121,8 @@ def notes(crowds: Sequence, trajectory: Trajectory) -> Iterator[Message]:
     """Yield messages on shortcomings of the crowds' places and terrain."""
     for crowd, part in zip(crowds, trajectory.parts, strict=True):
         yield from terrain_source.terrain_notes(crowd, part)
-        if isinstance(part, Walk) and crowd.start_on != "RECTANGLE":
-            places = start_source.places_of(crowd, part.world.area)
+        if isinstance(part, Walk) and crowd.spawn_on != "RECTANGLE":
+            places = spawn_source.places_of(crowd, part.world.area)
             lost = len(places or ()) - len(part.start)
             if lost:
                 facts = {"lost": lost, "places": len(places or ())}
@@ -149,7 +149,7 @@ def _settings_of(crowd) -> tuple:
     )
     text = crowd.machine and crowd.machine.as_string()
     place = (
-        start_source.places_inputs(crowd),
+        spawn_source.places_inputs(crowd),
         ground,
         tracks_source.file_inputs(crowd) if crowd.source == "FILE" else (),
     )
@@ -225,7 +225,7 @@ def _member(
         "height_image",
         "areas_image",
         "machine",
-        "start_places",
+        "spawn_places",
         "terrain_mesh",
     )
     stored_values.check(crowd, ("source", *pointers))
@@ -275,7 +275,7 @@ def _walk(crowd, groups: tuple[Group, ...], seconds: float) -> Trajectory:
         draw,
         *numbers,
         seconds,
-        start_source.places_inputs(crowd),
+        spawn_source.places_inputs(crowd),
     )
     relief = b"" if heights is None else heights.digest()
 
@@ -325,12 +325,12 @@ def _start(crowd, machine: StateMachine, world: LabelMap, groups: Draw) -> tuple
 
     CrowdError if there is no place where agents who walk may start.
     """
-    places = start_source.places_of(crowd, world.area)
+    places = spawn_source.places_of(crowd, world.area)
     if places is None:
         return populate(crowd.count, crowd.seed, groups, machine, world), False
-    seated = start_places.stays(machine, world)
+    seated = spawn_places.stays(machine, world)
     if not seated:
-        able = start_places.allowed_agents(places, machine, world)
+        able = spawn_places.allowed_agents(places, machine, world)
         if not able.any():
             raise CrowdError(
                 f"None of the {len(places):,} places of the crowd {crowd.name or 1} lies on the "
@@ -338,7 +338,7 @@ def _start(crowd, machine: StateMachine, world: LabelMap, groups: Draw) -> tuple
                 "agents start: move Center, enlarge Size, or paint such a label there."
             )
         places = places.of(np.flatnonzero(able))
-    return start_places.settle(places, crowd.seed, groups, machine, world), seated
+    return spawn_places.settle(places, crowd.seed, groups, machine, world), seated
 
 
 def _cached(data: bytes, make: Callable[[], Trajectory]) -> Trajectory:

@@ -39,7 +39,7 @@ class SimulationRequest:
     """What to simulate.
 
     world: the label map.
-    walls, starts, goals: (L,) bool: the labels that nobody enters, that agents start on, and that
+    walls, starts, goals: (L,) bool: the labels that nobody enters, that agents spawn on, and that
         they walk to.
     obstacles: (k, 2, 2) float64, world meters: segments that nobody crosses, such as outlines of
         meshes. Nobody enters what closed ones enclose.
@@ -125,7 +125,7 @@ def _remedy() -> str:
 
 
 def _site(request: SimulationRequest) -> tuple[Any, Any, list[Any]]:
-    """Return the Polygon to walk in, the area to start in, and the goals, convex Polygons."""
+    """Return the Polygon to walk in, the area to spawn in, and the goals, convex Polygons."""
     shapely = _module("shapely")
 
     def polygons(chosen: np.ndarray) -> list[Any]:
@@ -151,9 +151,9 @@ def _site(request: SimulationRequest) -> tuple[Any, Any, list[Any]]:
             best = part, start_area, targets
     if best[0] is None:
         raise CrowdError(
-            "No ground has both a place to start and a goal: paint a goal's label that the starts "
+            "No ground has both a place to spawn and a goal: paint a goal's label that the starts "
             "are not walled off from, or "
-            "name other labels in Goals and Starts."
+            "name other labels in Goals and Spawn Labels."
         )
     return best
 
@@ -234,9 +234,9 @@ def _places(starts: Any, count: int, draws: np.random.Generator) -> np.ndarray:
             return draws.permutation(places)[:count]
         if between == APART:
             raise CrowdError(
-                f"The crowd has {count:,} agents, and only {len(places):,} find room to start "
+                f"The crowd has {count:,} agents, and only {len(places):,} find room to spawn "
                 f"{APART} m apart: lower Agents, or "
-                "paint more ground to start on."
+                "paint more ground to spawn on."
             )
         between = max(0.9 * between, APART)
 

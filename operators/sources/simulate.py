@@ -76,8 +76,8 @@ def _request_of(scene: bpy.types.Scene, index: int) -> SimulationRequest:
             f"{', '.join(machine.labels)}."
         )
     starts = (
-        _labels_in(machine, "Starts", crowd.start_labels)
-        if crowd.start_labels.strip()
+        _labels_in(machine, "Spawn Labels", crowd.spawn_labels)
+        if crowd.spawn_labels.strip()
         else machine.spawn
     )
     return SimulationRequest(

@@ -145,18 +145,18 @@ def draw_source(layout, crowd) -> None:
 
 def draw_start(layout, crowd) -> None:
     """Draw where the agents of a crowd start."""
-    layout.prop(crowd, "start_on")
-    if crowd.start_on in ("SURFACE", "CURVES", "POINTS"):
-        layout.prop(crowd, "start_object")
-    if crowd.start_on == "SURFACE":
-        item = crowd.start_object
+    layout.prop(crowd, "spawn_on")
+    if crowd.spawn_on in ("SURFACE", "CURVES", "POINTS"):
+        layout.prop(crowd, "spawn_object")
+    if crowd.spawn_on == "SURFACE":
+        item = crowd.spawn_object
         if item is not None and item.type == "MESH":
             layout.prop_search(crowd, "density_group", item, "vertex_groups")
         for name in ("density_image", "density_volumes"):
             layout.prop(crowd, name)
-    if crowd.start_on in ("GRID", "CURVES"):
+    if crowd.spawn_on in ("GRID", "CURVES"):
         layout.prop(crowd, "spacing")
-    if crowd.start_on == "CURVES":
+    if crowd.spawn_on == "CURVES":
         for name in ("rows", "row_depth", "row_rise", "row_turn"):
             layout.prop(crowd, name)
 
@@ -188,7 +188,7 @@ def draw_behavior(layout, crowd) -> None:
 def draw_simulation(layout, crowd, index: int) -> None:
     """Draw the settings of Simulate with JuPedSim and its button, for the crowd `index`."""
     for name in (
-        "start_labels",
+        "spawn_labels",
         "goal_labels",
         "goal_choice",
         "wall_labels",

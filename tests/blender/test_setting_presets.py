@@ -157,7 +157,7 @@ def test_no_poll_raises_without_a_scene():
 
 # what Populate and the handlers write; and lists, which have buttons of their own
 # pop_reduction is drawn in percent
-NOT_DRAWN = {"points_count", "start_places", "terrain_mesh", "areas_image", "pop_reduction"}
+NOT_DRAWN = {"points_count", "spawn_places", "terrain_mesh", "areas_image", "pop_reduction"}
 LISTED = {"areas", "overrides", "override_index"}
 BUDGETS = {setting for setting, _, _ in LIMITS.values()}  # drawn from that table
 

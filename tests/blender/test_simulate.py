@@ -84,7 +84,7 @@ def test_a_thousand_people_start_where_they_may_keep_out_of_walls_and_arrive(hal
     settings = hall.crowd_lod
     settings.count = 1000
     settings.simulated_seconds = 4
-    settings.start_labels = "floor"
+    settings.spawn_labels = "floor"
     said = finished(simulate_crowd(hall, 0, tmp_path / "a.sqlite"))
     rows, fps = rows_of(tmp_path / "a.sqlite")
     assert fps == pytest.approx(25) and rows[:, 0].max() == 100
@@ -191,11 +191,11 @@ def test_esc_leaves_the_scene_and_the_folder_as_they_were(hall, tmp_path):
             {"goal_labels": "door"},
             "Goals names the label door, and there is none: the state machine has floor, sign east",
         ),
-        ({"goal_labels": "fire"}, "No ground has both a place to start and a goal"),
-        ({"wall_labels": "floor"}, "No ground has both a place to start and a goal"),
+        ({"goal_labels": "fire"}, "No ground has both a place to spawn and a goal"),
+        ({"wall_labels": "floor"}, "No ground has both a place to spawn and a goal"),
         (
             {"count": 5000},
-            "The crowd has 5,000 agents, and only .* find room to start 0.45 m apart: lower Agents",
+            "The crowd has 5,000 agents, and only .* find room to spawn 0.45 m apart: lower Agents",
         ),
         (
             {"machine": None, "map_image": None},

@@ -146,16 +146,16 @@ def test_undo_of_populate_brings_the_ground_before_back(scene):
 
 def test_the_kept_ground_outlives_saving_and_copies(scene, tmp_path):
     scene.crowd_lod.terrain = station(scene)
-    scene.crowd_lod.start_on, scene.crowd_lod.start_object = "SURFACE", waves(scene)
+    scene.crowd_lod.spawn_on, scene.crowd_lod.spawn_object = "SURFACE", waves(scene)
     before = populated(scene).at(40)
-    first = [scene.crowd_lod.terrain_mesh, scene.crowd_lod.start_places]
+    first = [scene.crowd_lod.terrain_mesh, scene.crowd_lod.spawn_places]
     copy = scene.copy()
     copy.use_fake_user = True
     names = scene.name, copy.name
     scene.crowd_lod.seed = 5
     other = populated(scene).at(40)
     assert not np.array_equal(other.x, before.x)
-    assert [copy.crowd_lod.terrain_mesh, copy.crowd_lod.start_places] == first and len(ours()) == 4
+    assert [copy.crowd_lod.terrain_mesh, copy.crowd_lod.spawn_places] == first and len(ours()) == 4
     path = str(tmp_path / "kept.blend")
     bpy.ops.wm.save_as_mainfile(filepath=path)
     bpy.ops.wm.open_mainfile(filepath=path)
@@ -176,7 +176,7 @@ def test_what_is_no_longer_used_is_removed(scene):
 
 def test_a_change_of_the_terrain_or_of_the_places_is_told(scene):
     settings = scene.crowd_lod
-    settings.terrain_object, settings.start_on, settings.start_object = ground, _, _ = (
+    settings.terrain_object, settings.spawn_on, settings.spawn_object = ground, _, _ = (
         waves(scene),
         "SURFACE",
         waves(scene),
@@ -190,13 +190,13 @@ def test_a_change_of_the_terrain_or_of_the_places_is_told(scene):
     scene.view_layers[0].update()
     assert changed_since_populate(scene) == ["the terrain"]
     populated(scene)
-    for block in (ground, ground.data, ground.modifiers[0], settings.start_object):
+    for block in (ground, ground.data, ground.modifiers[0], settings.spawn_object):
         block.name = "Hill"  # is no change
     assert changed_since_populate(scene) == []
     settings.count += 1
-    assert changed_since_populate(scene) == ["the start places"]
+    assert changed_since_populate(scene) == ["the spawn places"]
     settings.terrain_object = None
-    assert changed_since_populate(scene) == ["the start places", "the terrain"]
+    assert changed_since_populate(scene) == ["the spawn places", "the terrain"]
     populated(scene)
     assert changed_since_populate(scene) == []
 
@@ -237,8 +237,8 @@ def test_places_are_on_the_surface_where_it_is_dense(scene):
     item.scale = (1, 0.5, 2)
     group = item.vertex_groups.new(name="Dense")
     group.add([v.index for v in item.data.vertices if v.co.x > 0], 1.0, "REPLACE")
-    settings.start_on = "SURFACE"
-    settings.start_object = item
+    settings.spawn_on = "SURFACE"
+    settings.spawn_object = item
     settings.density_group = "Dense"
     volume = bpy.data.collections.new("Volumes")
     region = bpy.data.objects.new("Region", None)
@@ -269,8 +269,8 @@ def test_an_images_gray_is_the_density(scene):
     pixels[2:] = (0, 0, 0, 1)
     image.pixels.foreach_set(pixels.ravel())
     sitting(scene)
-    settings.start_on = "SURFACE"
-    settings.start_object = item
+    settings.spawn_on = "SURFACE"
+    settings.spawn_object = item
     settings.density_image = image
     start = populated(scene).start
     assert len(start) == 300 and (start.x >= 0).all() and (start.y <= 0).all()
@@ -289,8 +289,8 @@ def test_rows_along_a_curve_do_not_depend_on_its_thickness(scene):
     scene.collection.objects.link(item)
     item.location.z = 2
     settings = scene.crowd_lod
-    settings.start_on = "CURVES"
-    settings.start_object = item
+    settings.spawn_on = "CURVES"
+    settings.spawn_object = item
     settings.spacing = 1.0
     settings.rows = 2
     settings.row_depth = 1.0
@@ -310,8 +310,8 @@ def test_instances_give_places_and_headings(scene):
     parent.instance_type = "VERTS"
     chair.rotation_euler = (0, 0, radians(30))
     settings = scene.crowd_lod
-    settings.start_on = "POINTS"
-    settings.start_object = parent
+    settings.spawn_on = "POINTS"
+    settings.spawn_object = parent
     start = populated(scene).start
     assert sorted(zip(start.x, start.y, start.z, strict=True)) == [
         (0, 0, 1),
@@ -327,8 +327,8 @@ def away(scene):
     sitting(scene)
     settings = scene.crowd_lod
     settings.machine = None
-    settings.start_on = "SURFACE"
-    settings.start_object = waves(scene)
+    settings.spawn_on = "SURFACE"
+    settings.spawn_object = waves(scene)
     settings.center = (500, 0, 0)
 
 
@@ -348,7 +348,7 @@ WRONG = {
     "terrain at nan": (lambda s: setattr(s.crowd_lod, "terrain_object", nan(s)), "Waves.001 has 1 "
                                                                                  "vertex at NaN "
                                                                                  "or infinity"),
-    "no object": (lambda s: setattr(s.crowd_lod, "start_on", "SURFACE"), "starts on an object, "
+    "no object": (lambda s: setattr(s.crowd_lod, "spawn_on", "SURFACE"), "spawns on an object, "
                                                                          "and has none"),
     "off the map": (away, "None of the 300 places .* lies on the label map"),
 }  # fmt: skip

@@ -117,15 +117,15 @@ def of_rows(scene, scale, folder):
     spline.points[0].co = (-10 / scale, 0, 0, 1)
     spline.points[1].co = (10 / scale, 0, 0, 1)
     settings = scene.crowd_lod
-    settings.start_on = "CURVES"
-    settings.start_object = bpy.data.objects.new("Rows", curve)
+    settings.spawn_on = "CURVES"
+    settings.spawn_object = bpy.data.objects.new("Rows", curve)
     settings.rows = 3
-    scene.collection.objects.link(settings.start_object)
+    scene.collection.objects.link(settings.spawn_object)
     settings.spacing = 0.8 / scale
 
 
 def of_grid(scene, scale, folder):
-    scene.crowd_lod.start_on = "GRID"
+    scene.crowd_lod.spawn_on = "GRID"
 
 
 def of_terrain(scene, scale, folder):

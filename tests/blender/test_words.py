@@ -23,13 +23,13 @@ def plane(name):
     return bpy.context.object
 
 
-@pytest.mark.parametrize("setting", ("terrain_object", "start_object"))
+@pytest.mark.parametrize("setting", ("terrain_object", "spawn_object"))
 def test_who_is_told_to_populate_finds_that_button_next(levelled, setting):
     settings = levelled.crowd_lod
     assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
     assert steps.next_operator(levelled) != "crowd_lod.populate"
-    if setting == "start_object":
-        settings.start_on = "SURFACE"
+    if setting == "spawn_object":
+        settings.spawn_on = "SURFACE"
     setattr(settings, setting, plane("Ground"))
     asking = [
         sentence

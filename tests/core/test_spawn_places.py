@@ -10,7 +10,7 @@ from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd import morton_order
 from crowd_lod_extension.crowd_lod.crowd.leave_outs import NOTHING
 from crowd_lod_extension.crowd_lod.crowd.maps import Area
-from crowd_lod_extension.crowd_lod.crowd.start_places import (
+from crowd_lod_extension.crowd_lod.crowd.spawn_places import (
     Places,
     Spacing,
     allowed_agents,
@@ -216,7 +216,7 @@ def test_bad_surfaces_and_curves_are_refused_in_a_sentence():
         CrowdError, match="200,001 edges, more than 200,000: choose a curve or a wire"
     ):
         chains(np.zeros((200_001, 2), int), 1)
-    with pytest.raises(CrowdError, match="Places to start are at NaN"):
+    with pytest.raises(CrowdError, match="Places to spawn are at NaN"):
         settle(without_heading(np.full((2, 3), np.inf)), 1, 1, machine(), ground())
 
 

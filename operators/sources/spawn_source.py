@@ -1,4 +1,4 @@
-"""Where the state machine's agents start: from objects to places stored in the file."""
+"""Where the state machine's agents spawn: from objects to places stored in the file."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -6,9 +6,9 @@ from functools import partial
 import bpy
 import numpy as np
 
-from ...crowd_lod.crowd import start_places
+from ...crowd_lod.crowd import spawn_places
 from ...crowd_lod.crowd.maps import Area
-from ...crowd_lod.crowd.start_places import Places, Spacing
+from ...crowd_lod.crowd.spawn_places import Places, Spacing
 from ...crowd_lod.errors import CrowdError
 from ..blender import (
     image_data,
@@ -28,21 +28,21 @@ LIVE = "RECTANGLE", "GRID"  # these follow from the settings alone
 
 
 def read_places(crowd, forward: str, depsgraph: bpy.types.Depsgraph) -> None:
-    """Store the places where the crowd starts, as `depsgraph` has evaluated its object.
+    """Store the places where the crowd spawns, as `depsgraph` has evaluated its object.
 
-    A start that needs no object stores none.
+    A kind of spawn that needs no object stores none.
 
     forward: the way the characters face, as in the settings.
     CrowdError if there are no such places.
     """
-    if crowd.start_on in LIVE or crowd.source != "MACHINE":
-        crowd.start_places = None
+    if crowd.spawn_on in LIVE or crowd.source != "MACHINE":
+        crowd.spawn_places = None
         return
-    item = crowd.start_object
+    item = crowd.spawn_object
     if item is None:
         raise CrowdError(
-            f"The crowd {crowd.name or 1} starts on an object, and has none: choose it below "
-            f"Start On."
+            f"The crowd {crowd.name or 1} spawns on an object, and has none: choose it below "
+            f"Spawn On."
         )
     ways = {
         "SURFACE": _on_surface,
@@ -50,25 +50,25 @@ def read_places(crowd, forward: str, depsgraph: bpy.types.Depsgraph) -> None:
         "POINTS": partial(_on_points, forward=forward),
     }
     try:
-        places = ways[crowd.start_on](crowd, item, depsgraph)
+        places = ways[crowd.spawn_on](crowd, item, depsgraph)
     except CrowdError as error:
         raise CrowdError(f"{item.name}: {error}") from None
     mesh = bpy.data.meshes.new("Crowd LOD places")
     columns = {"position": places.points.astype(np.float32), HEADING: places.heading}
     mesh_data.write_points(mesh, columns)
-    kept_meshes.keep(crowd, "start_places", mesh)
+    kept_meshes.keep(crowd, "spawn_places", mesh)
 
 
 def places_of(crowd, area: Area) -> Places | None:
-    """Return the places where the crowd starts; None for a rectangle.
+    """Return the places where the crowd spawns; None for a rectangle.
 
     CrowdError if Populate has not drawn them yet.
     """
-    if crowd.start_on == "RECTANGLE":
+    if crowd.spawn_on == "RECTANGLE":
         return None
-    if crowd.start_on == "GRID":
-        return start_places.on_grid(area, crowd.count, spacing_of(crowd))
-    mesh = crowd.start_places
+    if crowd.spawn_on == "GRID":
+        return spawn_places.on_grid(area, crowd.count, spacing_of(crowd))
+    mesh = crowd.spawn_places
     if mesh is None or HEADING not in mesh.attributes:
         raise CrowdError(_undrawn(crowd))
     return _places.of(mesh.session_uid, lambda: _kept_places(mesh))
@@ -89,25 +89,25 @@ def spacing_of(crowd) -> Spacing:
 
 def places_inputs(crowd) -> tuple:
     """Return the inputs of the places."""
-    if crowd.start_on == "RECTANGLE":
+    if crowd.spawn_on == "RECTANGLE":
         return ()
-    if crowd.start_on == "GRID":
+    if crowd.spawn_on == "GRID":
         return "GRID", spacing_of(crowd)
-    return crowd.start_on, crowd.start_places and crowd.start_places.session_uid
+    return crowd.spawn_on, crowd.spawn_places and crowd.spawn_places.session_uid
 
 
 def _undrawn(crowd) -> str:
-    return f"The places where the crowd {crowd.name or 1} starts are not drawn yet: press Populate."
+    return f"The places where the crowd {crowd.name or 1} spawns are not drawn yet: press Populate."
 
 
 def places_digest(crowd) -> str:
     """Return a digest of what the crowd's places are drawn from; "" if they are not drawn."""
-    if crowd.source != "MACHINE" or crowd.start_on in LIVE or crowd.start_object is None:
+    if crowd.source != "MACHINE" or crowd.spawn_on in LIVE or crowd.spawn_object is None:
         return ""
     volumes = () if crowd.density_volumes is None else crowd.density_volumes.all_objects
     image = crowd.density_image and crowd.density_image.name_full
-    numbers = crowd.start_on, crowd.count, crowd.seed, spacing_of(crowd), crowd.density_group, image
-    shapes = [kept_meshes.shape_digest(items) for items in ([crowd.start_object], volumes)]
+    numbers = crowd.spawn_on, crowd.count, crowd.seed, spacing_of(crowd), crowd.density_group, image
+    shapes = [kept_meshes.shape_digest(items) for items in ([crowd.spawn_object], volumes)]
     return provenance.text_digest(numbers, shapes)
 
 
@@ -138,7 +138,7 @@ def _on_surface(crowd, item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -
     def density(points: np.ndarray, triangle: np.ndarray, weight: np.ndarray) -> np.ndarray:
         return np.prod([factor(points, triangle, weight) for factor in factors], axis=0)
 
-    return start_places.on_surface(
+    return spawn_places.on_surface(
         np.concatenate(corners),
         np.concatenate(weights),
         crowd.count,
@@ -196,7 +196,7 @@ def _in_any(volumes: list, depsgraph: bpy.types.Depsgraph, points: np.ndarray, *
 
 
 def _along_curves(crowd, item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Places:
-    return start_places.in_rows(list(_curves(item, depsgraph)), crowd.count, spacing_of(crowd))
+    return spawn_places.in_rows(list(_curves(item, depsgraph)), crowd.count, spacing_of(crowd))
 
 
 def _curves(
@@ -216,13 +216,13 @@ def _curves(
         shape.to_mesh_clear()
     except RuntimeError:
         raise CrowdError(
-            "it is neither a curve nor a mesh with edges: choose one to start along."
+            "it is neither a curve nor a mesh with edges: choose one to spawn along."
         ) from None
     finally:
         if bare is not None:
             removal.remove([bare.data])
     world = points @ matrix[:3, :3].T + matrix[:3, 3]
-    for chain, closed in start_places.chains(edges, len(points)):
+    for chain, closed in spawn_places.chains(edges, len(points)):
         yield world[chain], closed
 
 
@@ -258,6 +258,6 @@ def _on_points(
         points = mesh_data.world_points(evaluated)
     if not len(points):
         raise CrowdError(
-            "it has neither instances nor points nor vertices to start on: choose another object."
+            "it has neither instances nor points nor vertices to spawn on: choose another object."
         )
-    return start_places.without_heading(points)
+    return spawn_places.without_heading(points)

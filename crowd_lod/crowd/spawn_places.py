@@ -1,4 +1,4 @@
-"""Places where a crowd starts: on surfaces, on a grid, in rows along curves.
+"""Places where a crowd spawns: on surfaces, on a grid, in rows along curves.
 
 The same arguments give the same places, bit for bit.
 """
@@ -87,16 +87,16 @@ def on_surface(
     area = np.sqrt(normal[:, 0] ** 2 + normal[:, 1] ** 2 + normal[:, 2] ** 2)
     if not np.isfinite(area).all() or not np.isfinite(weights).all():
         raise CrowdError(
-            "The surface to start on has points or weights at NaN or infinity: mend its mesh or "
+            "The surface to spawn on has points or weights at NaN or infinity: mend its mesh or "
             "its modifiers."
         )
     if not area.any():
-        raise CrowdError("The surface to start on has no faces: give it a mesh with faces.")
+        raise CrowdError("The surface to spawn on has no faces: give it a mesh with faces.")
     # a linear density is the sum of three, one of each corner: a corner is drawn, then a place
     until = np.cumsum((area[:, None] * weights).ravel())
     if not until[-1] > 0:
         raise CrowdError(
-            "The surface to start on has density 0 everywhere: paint its vertex group above 0 "
+            "The surface to spawn on has density 0 everywhere: paint its vertex group above 0 "
             "somewhere."
         )
     random = np.random.Generator(np.random.PCG64(seed))
@@ -117,7 +117,7 @@ def on_surface(
         tries += ask
         if tries > TRIES * (placed + 100):
             raise CrowdError(
-                "The surface to start on has density 0 nearly everywhere: brighten the image, or "
+                "The surface to spawn on has density 0 nearly everywhere: brighten the image, or "
                 "move the volumes that give it."
             )
     return without_heading(np.concatenate(parts)[:count])
@@ -191,7 +191,7 @@ def in_rows(curves: Sequence[tuple[np.ndarray, bool]], count: int, spacing: Spac
     total = sum(totals)
     if not total > 0:
         raise CrowdError(
-            "The curves to start along have no length: give the object splines or edges that are "
+            "The curves to spawn along have no length: give the object splines or edges that are "
             "longer than 0."
         )
     if spacing.apart:
@@ -222,7 +222,7 @@ def chains(edges: np.ndarray, count: int) -> list[tuple[np.ndarray, bool]]:
     """
     if len(edges) > MOST_EDGES:
         raise CrowdError(
-            f"The curves to start along have {len(edges):,} edges, more than {MOST_EDGES:,}: "
+            f"The curves to spawn along have {len(edges):,} edges, more than {MOST_EDGES:,}: "
             f"choose a curve or a wire."
         )
     beside: list[list[int]] = [[] for _ in range(count)]
@@ -255,7 +255,7 @@ def _row(
     """
     if not np.isfinite(points).all():
         raise CrowdError(
-            "The curves to start along have points at NaN or infinity: mend the object or its "
+            "The curves to spawn along have points at NaN or infinity: mend the object or its "
             "modifiers."
         )
     points = np.concatenate([points, points[:1]]) if closed else points
@@ -313,7 +313,7 @@ def stays(machine: StateMachine, world: LabelMap) -> bool:
 
 
 def allowed_agents(places: Places, machine: StateMachine, world: LabelMap) -> np.ndarray:
-    """Return which places agents may start at, (n,) bool: on the map, where its label lets them."""
+    """Return which places agents may spawn at, (n,) bool: on the map, where its label lets them."""
     x, y, _ = places.points.T
     area = world.area
     inside = (x >= area.x_min) & (x <= area.x_max) & (y >= area.y_min) & (y <= area.y_max)
@@ -335,7 +335,7 @@ def settle(
     """
     if not np.isfinite(places.points).all():
         raise CrowdError(
-            "Places to start are at NaN or infinity: mend the object that they come from."
+            "Places to spawn are at NaN or infinity: mend the object that they come from."
         )
     check_counts(len(places), groups)
     random = np.random.Generator(np.random.PCG64(seed))
