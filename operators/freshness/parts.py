@@ -156,7 +156,7 @@ def build_parts(crowd: SceneCrowd) -> dict[str, str]:
     scene = crowd.scene
     settings = crowd.settings
     render = scene.render
-    homes = [home and home.name for home in (settings.mirrors, settings.see_through)]
+    homes = [home and home.name for home in (settings.mirrors, settings.occlusion_exclude)]
     return plan_inputs(crowd) | {
         "the settings": text_digest(homes, *(getattr(settings, name) for name in SETTINGS)),
         "the frame rate": text_digest(

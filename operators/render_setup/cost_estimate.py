@@ -127,12 +127,12 @@ class Estimate:
 
     @property
     def _gain(self) -> str:
-        """A sentence on what Hide Behind Scenery gains, or ""."""
+        """A sentence on what Occlusion Culling gains, or ""."""
         if self.hidden is None:
             return ""
         gain = f" Scenery hides {self.hidden:.0%} of the agents in the picture"
         if self.hidden < LEAST_HIDDEN:
-            gain += ", which gains next to nothing: switch off Hide Behind Scenery."
+            gain += ", which gains next to nothing: switch off Occlusion Culling."
             return " ".join([gain, *self.refused])
         if self.costs.engine == "CYCLES" and self.hidden_agents < LEAST_IN_CYCLES:
             return (

@@ -16,7 +16,7 @@ from ..blender.scenery import Scenery
 
 STAGE = "occlusion"
 UNSHADOWED = LeftOut(
-    STAGE, "Hide Behind Scenery needs Shadows and Reflections: scenery hides nobody."
+    STAGE, "Occlusion Culling needs Shadows and Reflections: scenery hides nobody."
 )
 UNMAPPED = LeftOut(
     STAGE,
@@ -130,5 +130,5 @@ def _camera_blurs(scene: bpy.types.Scene) -> bool:
 
 def _excluded(settings) -> set[bpy.types.Object]:
     """Return the objects that hide nobody: the crowd's own, and those that the user excludes."""
-    homes = settings.characters, settings.levels, settings.build, settings.see_through
+    homes = settings.characters, settings.levels, settings.build, settings.occlusion_exclude
     return {item for home in homes if home is not None for item in home.all_objects}

@@ -359,13 +359,13 @@ class CameraSettings:
         description="Collection of flat objects that mirror the crowd",
     )
     occlusion: BoolProperty(
-        name="Hide Behind Scenery",
+        name="Occlusion Culling",
         description="Leave out characters that opaque meshes of the scene hide from the camera, "
         "with their shadows where nobody sees these. Estimate Cost tells what it gains",
     )
-    see_through: PointerProperty(
+    occlusion_exclude: PointerProperty(
         type=bpy.types.Collection,
-        name="Hides Nobody",
+        name="Exclude from Occlusion",
         description="Collection of scenery that hides no characters, such as what compositing "
         "takes out",
     )

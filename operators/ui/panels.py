@@ -222,7 +222,7 @@ class CROWDLOD_PT_culling(Step, bpy.types.Panel):
             settings, "margin", text="Distance", translate=False
         )
         wide(layout, settings, "occlusion")
-        active_column(layout, settings.occlusion).prop(settings, "see_through")
+        active_column(layout, settings.occlusion).prop(settings, "occlusion_exclude")
 
 
 class CROWDLOD_PT_levels(Step, bpy.types.Panel):

@@ -118,9 +118,9 @@ def test_what_is_not_solid_hides_nobody_and_is_told(street):
     item.parent = None
     home = bpy.data.collections.new("Through")
     home.objects.link(item)
-    street.crowd_lod.see_through = home
+    street.crowd_lod.occlusion_exclude = home
     assert triangles_of(street) == whole - 12 and "House 0 0" not in reasons_of(street)
-    street.crowd_lod.see_through = None
+    street.crowd_lod.occlusion_exclude = None
     item.hide_render = True
     assert triangles_of(street) == whole - 12
     street.crowd_lod.shadows = False
