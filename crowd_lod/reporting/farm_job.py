@@ -23,7 +23,7 @@ class FarmJob:
     scene: path of the scene's file, absolute or beside the template. All output goes into the
         template's folder.
     frames: first, last and step.
-    chunk: frames of a task.
+    frames_per_task: as the setting.
     preview: whether frames are previewed; they are rendered if not.
     script: what plain Blender runs to render: it is handed frames such as 1-10, 1-41:10 or 5,9,
     engine, folder.
@@ -33,7 +33,7 @@ class FarmJob:
     name: str
     scene: str
     frames: tuple[int, int, int]
-    chunk: int
+    frames_per_task: int
     preview: bool
     script: str
     command: tuple[str, ...]
@@ -68,7 +68,7 @@ def _parameters(job: FarmJob) -> list[dict[str, Any]]:
         {
             "name": "Chunk",
             "type": "INT",
-            "default": job.chunk,
+            "default": job.frames_per_task,
             "minValue": 1,
             "description": "Frames of a task",
         },

@@ -39,7 +39,7 @@ def add_job(commands, program: str) -> None:
         run_job,
         "write a job for render farms: an Open Job Description template, and a job type for "
         "Flamenco",
-        "job plaza.blend --frames 1:120 --chunk 10 --out plaza_job",
+        "job plaza.blend --frames 1:120 --frames-per-task 10 --out plaza_job",
     )
     add_scene(command, program)
     command.add_argument("--frames", metavar="A:B", help="the frames (default: the scene's)")
@@ -47,7 +47,11 @@ def add_job(commands, program: str) -> None:
         "--step", type=int, metavar="N", help="every N-th of them (default: the scene's)"
     )
     command.add_argument(
-        "--chunk", type=int, default=10, metavar="N", help="frames of a task (default: 10)"
+        "--frames-per-task",
+        type=int,
+        default=10,
+        metavar="N",
+        help="frames that a task renders (default: 10)",
     )
     command.add_argument(
         "--preview", action="store_true", help="preview the frames in place of rendering them"
@@ -57,8 +61,11 @@ def add_job(commands, program: str) -> None:
 
 def run_job(args) -> dict[str, Any]:
     """Run the command job: write an Open Job Description template, and a job type for Flamenco."""
-    if args.chunk < 1:
-        raise CrowdError(f"A task has {args.chunk} frames: give --chunk a whole number from 1 on.")
+    if args.frames_per_task < 1:
+        raise CrowdError(
+            f"A task has {args.frames_per_task} frames: give --frames-per-task a whole number from "
+            f"1 on."
+        )
     scene = open_scene(args.scene)
     path = Path(bpy.data.filepath)
     check_file(scene, path)
@@ -66,7 +73,7 @@ def run_job(args) -> dict[str, Any]:
     if step is None:
         step = scene.crowd_lod.step if args.preview else scene.frame_step
     frames = parse_frames(args.frames or f"{scene.frame_start}:{scene.frame_end}", step)
-    job = job_of(printable(path), frames, args.chunk, args.preview)
+    job = job_of(printable(path), frames, args.frames_per_task, args.preview)
     folder = files.absolute(args.out or Path(f"{path.stem}_job"))
     with files.staged(folder, "template.json", "parameter_values.json", "crowd_lod.js") as part:
         write_job(job, part)
@@ -75,7 +82,7 @@ def run_job(args) -> dict[str, Any]:
         "out": out,
         "frames": [frames[0], frames[-1]],
         "step": job.frames[2],
-        "tasks": -(-len(frames) // args.chunk),
+        "tasks": -(-len(frames) // args.frames_per_task),
         "summary": f"{job_sentence(job)}\n{out}",
     }
 

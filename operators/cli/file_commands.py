@@ -90,7 +90,7 @@ def add_export(commands, program: str) -> None:
     )
     add_scene(command, program)
     add_frames(command)
-    add_setting(command, "--animated", "usd_animated")
+    add_setting(command, "--animated-prototypes", "animated_prototypes")
     add_out(command, "FILE", "the .usdc, .usda or .usd file (default: SCENE.usdc)")
     add_strict_plan(command)
     add_setting(command, "--seed", "seed", "N")
@@ -243,7 +243,7 @@ def export(args) -> dict:
     path = output_file(args.out or Path(f"{stem}.usdc"), *usd.ENDINGS)
     scene = open_shot(args)
     frames = frames_of_shot(args, scene)
-    wanted = usd.UsdExport(frames, path, scene.crowd_lod.usd_animated, args.strict)
+    wanted = usd.UsdExport(frames, path, scene.crowd_lod.animated_prototypes, args.strict)
     exported = finish(usd.export_usd(scene, wanted), f"export of {stem}", args.quiet)
     size = path.stat().st_size
     out = printable(path)

@@ -54,11 +54,13 @@ for piece in frames.split(","):
 """
 
 
-def job_of(path: str, frames: Sequence[int], chunk: int, preview: bool = False) -> FarmJob:
+def job_of(
+    path: str, frames: Sequence[int], frames_per_task: int, preview: bool = False
+) -> FarmJob:
     """Return the job that renders or previews these frames of the open file.
 
     path: of the file, absolute or beside the template.
-    chunk: frames of a task.
+    frames_per_task: as the setting.
     CrowdError if the frames are no range with one step.
     """
     gaps = {after - before for before, after in pairwise(frames)} or {1}
@@ -70,7 +72,7 @@ def job_of(path: str, frames: Sequence[int], chunk: int, preview: bool = False) 
     stem = Path(bpy.data.filepath).stem
     name = f"{stem}: {'preview' if preview else 'render'} of a crowd"
     span = frames[0], frames[-1], *gaps
-    return FarmJob(name, path, span, chunk, preview, RENDER, starting_words())
+    return FarmJob(name, path, span, frames_per_task, preview, RENDER, starting_words())
 
 
 def check_file(scene: bpy.types.Scene, path: Path) -> None:
@@ -112,11 +114,11 @@ def job_sentence(job: FarmJob) -> str:
     """Return the frames and tasks of the job in words."""
     first, last, step = job.frames
     frames = range(first, last + 1, step)
-    tasks = -(-len(frames) // job.chunk)
+    tasks = -(-len(frames) // job.frames_per_task)
     steps = f" in steps of {step}" if step > 1 else ""
     return (
         f"{shot_frames(frames).capitalize()}{steps}: {counted(tasks, 'task')} of up to "
-        f"{counted(job.chunk, 'frame')}."
+        f"{counted(job.frames_per_task, 'frame')}."
     )
 
 
@@ -160,7 +162,7 @@ class CROWDLOD_OT_write_farm_job(Stepwise, bpy.types.Operator):
         path = Path(bpy.data.filepath)
         check_file(scene, path)
         frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
-        job = job_of(path.name, frames, scene.crowd_lod.farm_chunk)
+        job = job_of(path.name, frames, scene.crowd_lod.frames_per_task)
         folder = output_folder(scene, "farm")
         paths = outside_files()
         work = Workload(10)

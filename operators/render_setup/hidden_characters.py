@@ -30,7 +30,11 @@ def hides_characters(scene: bpy.types.Scene) -> bool:
 
     Only if renders show them now.
     """
-    return shows_characters(scene) and not scene.crowd_lod.keep_characters and not _shown_for(scene)
+    return (
+        shows_characters(scene)
+        and not scene.crowd_lod.render_source_characters
+        and not _shown_for(scene)
+    )
 
 
 def shows_characters(scene: bpy.types.Scene) -> bool:
@@ -94,6 +98,6 @@ def _told_of_hiding(scene: bpy.types.Scene) -> str:
             f"The characters in {characters.name} are hidden from "
             f"renders{', with ' + ' and '.join(lamps) if lamps else ''}."
         )
-    if scene.crowd_lod.keep_characters or not shows_characters(scene):
+    if scene.crowd_lod.render_source_characters or not shows_characters(scene):
         return ""
     return f"The characters in {characters.name} stay in renders: {_shown_for(scene)}."

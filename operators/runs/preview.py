@@ -67,7 +67,7 @@ LOD = 2.0
 BEHAVIOR = 0.9  # of a frame's time, where the way to it is long
 # agents times frames that a preview plans first; longer shots take Plan Shot
 MOST_PLANNED = 30_000_000
-LEFT_OUT = "The characters themselves are left out of the pictures (see Keep in Renders)."
+LEFT_OUT = "The characters themselves are left out of the pictures (see Render Source Characters)."
 THUMBNAIL = 480  # pixels wide, at least
 
 

@@ -127,7 +127,7 @@ def set_up(stage: bpy.types.Scene, task: Preview) -> None:
 
 def leaves_out(scene: bpy.types.Scene) -> bool:
     """Return whether the pictures leave out characters that renders of `scene` show."""
-    return not scene.crowd_lod.keep_characters and shows_characters(scene)
+    return not scene.crowd_lod.render_source_characters and shows_characters(scene)
 
 
 @contextlib.contextmanager

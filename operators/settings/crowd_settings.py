@@ -25,8 +25,8 @@ class CharacterSettings:
         name="Characters",
         description="Collection whose children, collections or objects, are the character groups",
     )
-    keep_characters: BoolProperty(
-        name="Keep in Renders",
+    render_source_characters: BoolProperty(
+        name="Render Source Characters",
         description="Build and Preview leave the characters themselves in the picture, where they "
         "stand, besides the crowd",
     )

@@ -120,13 +120,13 @@ class ExportSettings:
         description="Name of the file for the crowd of the shot, in the folder usd of Output "
         "Folder: .usdc, .usda or .usd",
     )
-    usd_animated: BoolProperty(
-        name="Moving Prototypes",
+    animated_prototypes: BoolProperty(
+        name="Animated Prototypes",
         description="Each of 16 phases of an action is a prototype that moves, instead of poses "
         "between which agents change: exact phases and blurred limbs, but a larger file",
     )
-    farm_chunk: IntProperty(
-        name="Frames of a Task",
+    frames_per_task: IntProperty(
+        name="Frames per Task",
         default=10,
         min=1,
         description="Frames that a task of the farm job renders",

@@ -190,7 +190,7 @@ class CROWDLOD_PT_build_advanced(Step, bpy.types.Panel):
     bl_parent_id = "CROWDLOD_PT_build"
 
     def body(self, context, layout, settings) -> None:
-        layout.prop(settings, "keep_characters")
+        layout.prop(settings, "render_source_characters")
 
 
 def _built(build: bpy.types.Collection | None) -> str:
@@ -276,7 +276,7 @@ class CROWDLOD_PT_hand_over(Step, bpy.types.Panel):
         layout.separator()
         column = layout.column(align=True)
         column.prop(settings, "usd_file")
-        column.prop(settings, "usd_animated")
+        column.prop(settings, "animated_prototypes")
         button(column, "crowd_lod.export_usd", icon="EXPORT")
         if missing_openusd(scene):
             label(column, "This Blender has no OpenUSD", "INFO")
@@ -284,10 +284,10 @@ class CROWDLOD_PT_hand_over(Step, bpy.types.Panel):
             label(column, f"Written: {size}", "FILE")
         layout.separator()
         column = layout.column(align=True)
-        wide(column, settings, "farm_chunk")
+        wide(column, settings, "frames_per_task")
         button(column, "crowd_lod.write_farm_job", icon="NETWORK_DRIVE")
         frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
-        tasks = counted(-(-len(frames) // settings.farm_chunk), "task")
+        tasks = counted(-(-len(frames) // settings.frames_per_task), "task")
         label(column, tasks, "INFO")
         if size := sizes.get("crowd_lod.write_farm_job"):
             label(column, f"Written: {size}", "FILE")

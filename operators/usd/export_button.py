@@ -35,7 +35,9 @@ class CROWDLOD_OT_export_usd(Stepwise, bpy.types.Operator):
             )
         path = with_ending(output_folder(scene, "usd") / name, *ENDINGS)
         frames = scene_data.frames_of(scene)
-        exported = yield from export_usd(scene, UsdExport(frames, path, settings.usd_animated))
+        exported = yield from export_usd(
+            scene, UsdExport(frames, path, settings.animated_prototypes)
+        )
         verdict = plan_verdict(settings, exported.unplanned)
         size = byte_size(path.stat().st_size)
         return f"{verdict} {exported.sentence} The file of {size} is {place_of(path)}."

@@ -84,7 +84,8 @@ def write_prototypes(
     """Pose all prototypes and hand their meshes to `write`; yield the progress.
 
     prototype_numbers: those that are wanted, increasing (crowd_lod/frame/instances.py).
-    times: frames of the timeline, and seconds after frame 0, at which moving prototypes are posed.
+    times: frames of the timeline, and seconds after frame 0, at which animated prototypes
+        are posed.
     """
     trajectory = crowd.trajectory
     levels = crowd.settings.levels.children[: crowd.policy.count]

@@ -61,7 +61,7 @@ def test_a_build_hides_the_characters_until_it_is_removed(far, tmp_path, capfd):
     far.camera.location.x = 50
     bpy.ops.crowd_lod.bake()
     assert pixels(far, tmp_path, 0) == 0 and pixels(far, tmp_path, 50) > 0
-    far.crowd_lod.keep_characters = True
+    far.crowd_lod.render_source_characters = True
     bpy.ops.crowd_lod.build()
     assert pixels(far, tmp_path, 0) > 0 and pixels(far, tmp_path, 50) > 0
 
@@ -122,7 +122,7 @@ def test_a_preview_leaves_them_out_and_the_file_alone(far, tmp_path):
         ("kept", False, True),
     ):
         people.hide_render = hides
-        far.crowd_lod.keep_characters = keeps
+        far.crowd_lod.render_source_characters = keeps
         plan = finished(preview(far, Preview([1], tmp_path / name, 64), []))
         assert (
             people.hide_render == hides

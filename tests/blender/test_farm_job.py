@@ -55,7 +55,7 @@ def job(levelled, tmp_path):
             "1:7",
             "--step",
             2,
-            "--chunk",
+            "--frames-per-task",
             2,
             "--out",
             tmp_path / "job",
@@ -136,7 +136,7 @@ def test_a_job_takes_the_scenes_frame_step_or_the_given_one(job, tmp_path, words
 @pytest.mark.parametrize(
     "words, said",
     [
-        (("--chunk", "0"), "A task has 0 frames"),
+        (("--frames-per-task", "0"), "A task has 0 frames"),
         (("--frames", "1,5,7"), "give --frames as A:B"),
         (("--step", "0"), "The frame step is 0"),
         (("--frames", "5:1"), "run backwards"),

@@ -72,7 +72,7 @@ def test_frames_below_zero_are_one_word_of_each_command(levelled, tmp_path):
             "--step",
             1,
             "--preview",
-            "--chunk",
+            "--frames-per-task",
             2,
             "--out",
             tmp_path / "job",

@@ -58,7 +58,7 @@ def test_each_output_says_what_it_needs_and_once_written_how_large_it_is(shot, t
 def test_a_job_of_the_panel_lies_with_its_scene_and_says_what_it_needs(shot, tmp_path):
     bpy.ops.crowd_lod.make_levels()
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
-    shot.crowd_lod.farm_chunk = 1
+    shot.crowd_lod.frames_per_task = 1
     assert bpy.ops.crowd_lod.write_farm_job() == {"FINISHED"}
     folder = output_folder(shot, "farm")
     template = json.loads((folder / "template.json").read_text(encoding="utf-8"))

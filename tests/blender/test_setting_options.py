@@ -26,9 +26,9 @@ def test_options_set_the_settings_that_they_are(settings):
     assert settings.step == 3
     apply(settings, "plan", "x", "--triangles", "2e6", "--memory", 64)
     assert (settings.budget_triangles, settings.budget_memory) == (2_000_000, 64)
-    assert not settings.usd_animated
-    apply(settings, "export", "x", "--animated")
-    assert settings.usd_animated
+    assert not settings.animated_prototypes
+    apply(settings, "export", "x", "--animated-prototypes")
+    assert settings.animated_prototypes
     apply(
         settings, "scene", "x", "--characters", "y", "--up", "y-left", "--columns", "id,frame,x,y"
     )
@@ -37,12 +37,12 @@ def test_options_set_the_settings_that_they_are(settings):
 
 def test_what_no_option_gives_stays(settings):
     settings.width = 200
-    settings.usd_animated = True
+    settings.animated_prototypes = True
     settings.choice = "BY_RATIO"
     for command in ("verify", "export", "preview", "plan"):
         apply(settings, command, "x")
     assert (settings.width, settings.choice) == (200, "BY_RATIO")
-    assert settings.usd_animated
+    assert settings.animated_prototypes
 
 
 @pytest.mark.parametrize(
