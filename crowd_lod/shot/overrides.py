@@ -16,8 +16,8 @@ from ..frame.frame import Frame
 from ..frame.planned import HIDDEN, OVERRIDDEN, PINNED, with_row
 from .survey import SEEN, Survey
 
-KINDS = ("NEVER_COARSER", "ALWAYS", "HIDE")
-NEVER_COARSER, ALWAYS, HIDE = KINDS
+TYPES = ("NEVER_COARSER", "ALWAYS", "HIDE")
+NEVER_COARSER, ALWAYS, HIDE = TYPES
 NO_LIMIT = 255  # as the coarsest LOD
 
 
@@ -25,14 +25,14 @@ NO_LIMIT = 255  # as the coarsest LOD
 class LodOverride:
     """An override of the LODs of some agents.
 
-    kind: NEVER_COARSER than the LOD `level`, ALWAYS that LOD, or HIDE.
+    type: NEVER_COARSER than the LOD `level`, ALWAYS that LOD, or HIDE.
     agents: (m,) intp, their indices.
     selection: how they were chosen, in words.
     first, last: the frames of the timeline for which it holds, both included; None for no limit.
     """
 
     name: str
-    kind: str
+    type: str
     level: int
     agents: np.ndarray
     selection: str = ""
@@ -50,8 +50,8 @@ class LodOverride:
         """What plan.json says of it."""
         return {
             "name": self.name,
-            "kind": self.kind,
-            "lod": None if self.kind == HIDE else self.level,
+            "type": self.type,
+            "lod": None if self.type == HIDE else self.level,
             "chosen": self.selection,
             "agents": len(self.agents),
             "first": self.first,
@@ -151,7 +151,7 @@ def check_level(
     """
     name = override.name
     level = override.level
-    if override.kind == HIDE:
+    if override.type == HIDE:
         return
     if level >= count:
         has = f"LODs 0 to {count - 1}" if count > 1 else "LOD 0 alone"
@@ -190,9 +190,9 @@ def lod_limits(
     """
     index = in_force(overrides, number, count)
     # the last entry is for agents without one
-    finest = [each.level * (each.kind == ALWAYS) for each in overrides]
-    coarsest = [NO_LIMIT if each.kind == HIDE else each.level for each in overrides]
-    hidden = [each.kind == HIDE for each in overrides]
+    finest = [each.level * (each.type == ALWAYS) for each in overrides]
+    coarsest = [NO_LIMIT if each.type == HIDE else each.level for each in overrides]
+    hidden = [each.type == HIDE for each in overrides]
     return (
         np.array([*finest, 0], np.uint8)[index],
         np.array([*coarsest, NO_LIMIT], np.uint8)[index],
@@ -241,7 +241,7 @@ def override_frame(frame: Frame, overrides: Sequence[LodOverride], number: float
     if not asked.any():
         return frame
     most = np.array(
-        [*(NO_LIMIT if each.kind == HIDE else each.level for each in overrides), NO_LIMIT],
+        [*(NO_LIMIT if each.type == HIDE else each.level for each in overrides), NO_LIMIT],
         np.uint8,
     )[index]
     levels = np.minimum(frame.levels, most) | np.where(frame.levels > most, OVERRIDDEN, 0).astype(
@@ -263,7 +263,7 @@ def override_levels(
     if not (index >= 0).any():
         return levels
     pinned, hidden = (
-        np.array([*(entry.kind == kind for entry in overrides), False])[index]
+        np.array([*(entry.type == kind for entry in overrides), False])[index]
         for kind in (ALWAYS, HIDE)
     )
     level = np.array([*(entry.level for entry in overrides), 0], np.uint8)[index]

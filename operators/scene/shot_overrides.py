@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.shot.overrides import KINDS, LodOverride, check_level, parse_agents
+from ...crowd_lod.shot.overrides import TYPES, LodOverride, check_level, parse_agents
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import frame_stepping, scene_data, stored_values
 from ..blender.object_boxes import box_of, in_box
@@ -50,7 +50,7 @@ def chosen_overrides(crowd: SceneCrowd, frames: Sequence[int]) -> tuple[LodOverr
     entries = [
         entry
         for entry in scene.crowd_lod.overrides
-        if entry.use and entry.kind not in crowd_overrides.CROWD_KINDS
+        if entry.use and entry.type not in crowd_overrides.CROWD_TYPES
     ]
     parts = [(entry, _whom(entry, crowd.trajectory), _begins(entry, frames)) for entry in entries]
     if not parts:
@@ -71,7 +71,7 @@ def chosen_overrides(crowd: SceneCrowd, frames: Sequence[int]) -> tuple[LodOverr
                     f"{entry.region.name} at frame {begin}; move it, or switch the override off."
                 )
             overrides[index] = LodOverride(
-                entry.name, entry.kind, entry.level, agents, _describe_agents(entry), *_span(entry)
+                entry.name, entry.type, entry.level, agents, _describe_agents(entry), *_span(entry)
             )
     return tuple(overrides[index] for index in range(len(parts)))
 
@@ -84,7 +84,7 @@ def overrides_by_number(crowd: SceneCrowd) -> tuple[tuple[LodOverride, ...], lis
     numbered = [
         entry
         for entry in crowd.settings.overrides
-        if entry.use and entry.kind in KINDS and entry.chosen_by == "NUMBERS"
+        if entry.use and entry.type in TYPES and entry.select_by == "NUMBERS"
     ]
     overrides = []
     wrong = []
@@ -94,7 +94,7 @@ def overrides_by_number(crowd: SceneCrowd) -> tuple[tuple[LodOverride, ...], lis
         try:
             agents = _whom(entry, crowd.trajectory)(0.0, lambda *_: None)
             override = LodOverride(
-                entry.name, entry.kind, entry.level, agents, _describe_agents(entry), *_span(entry)
+                entry.name, entry.type, entry.level, agents, _describe_agents(entry), *_span(entry)
             )
             _check_level(override, crowd)
             overrides.append(override)
@@ -127,13 +127,13 @@ def _span(entry) -> tuple[int | None, int | None]:
 
 
 def _marks(entry) -> tuple:
-    if entry.kind in crowd_overrides.CROWD_KINDS:
+    if entry.type in crowd_overrides.CROWD_TYPES:
         return crowd_overrides.marks_of(entry)
     span = () if entry.all_frames else (entry.first_frame, entry.last_frame)
     marks: tuple = (entry.agents.strip(),)
-    if entry.chosen_by == "REGION":
+    if entry.select_by == "REGION":
         marks = () if entry.region is None else _region_marks(entry.region)
-    return entry.kind, 0 if entry.kind == "HIDE" else entry.level, entry.chosen_by, span, marks
+    return entry.type, 0 if entry.type == "HIDE" else entry.level, entry.select_by, span, marks
 
 
 def _region_marks(region: bpy.types.Object) -> tuple:
@@ -160,7 +160,7 @@ def _whom(entry, trajectory: Trajectory) -> Callable[[float, frame_stepping.At],
             f"The override {entry.name} runs backwards, from frame {entry.first_frame} to "
             f"{entry.last_frame}: give the first frame first."
         )
-    if entry.chosen_by == "NUMBERS":
+    if entry.select_by == "NUMBERS":
         people = trajectory.bare
         numbers = parse_agents(entry.agents, len(people.start), entry.name, people.ids)
         agents = trajectory.with_worn(numbers)
@@ -199,6 +199,6 @@ def _begins(entry, frames: Sequence[int]) -> int | None:
 def _describe_agents(entry) -> str:
     return (
         f"agents {entry.agents.strip()}"
-        if entry.chosen_by == "NUMBERS"
+        if entry.select_by == "NUMBERS"
         else f"region {entry.region.name}"
     )

@@ -72,5 +72,5 @@ def place(scene: bpy.types.Scene) -> str:
     settings = scene.crowd_lod
     if not 0 <= settings.override_index < len(settings.overrides):
         return "Select an override in the list"
-    by = settings.overrides[settings.override_index].chosen_by
-    return "" if by != "NUMBERS" else "Agents are found by a region: set Agents By"
+    by = settings.overrides[settings.override_index].select_by
+    return "" if by != "NUMBERS" else "Agents are found by a region: set Select By"

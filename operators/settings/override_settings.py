@@ -19,8 +19,8 @@ class CrowdLodOverride(bpy.types.PropertyGroup):
     """An override, called `name`: for some agents, in some frames."""
 
     use: BoolProperty(name="Use", default=True, description="The override counts")
-    kind: EnumProperty(
-        name="Asks For",
+    type: EnumProperty(
+        name="Type",
         description="What is asked for these agents",
         items=[
             (
@@ -47,8 +47,8 @@ class CrowdLodOverride(bpy.types.PropertyGroup):
         description="By which way they stand beside their own, along the world's axes",
     )
     group_name: StringProperty(name="Group", description="The character group that they are of")
-    chosen_by: EnumProperty(
-        name="Agents By",
+    select_by: EnumProperty(
+        name="Select By",
         description="Which agents the override is for",
         items=[
             ("NUMBERS", "Numbers", "Agents with these numbers; the eyedropper tells an agent's"),

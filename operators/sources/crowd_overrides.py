@@ -10,7 +10,7 @@ from ...crowd_lod.sources.overridden import CrowdOverride, Overridden
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_cache, stored_values
 
-CROWD_KINDS = ("NUDGE", "GROUP")  # kinds of overrides that only change the crowd
+CROWD_TYPES = ("NUDGE", "GROUP")  # types of overrides that only change the crowd
 # By scene: the trajectory and the inputs of the overrides at the last call, the overridden crowd,
 # and sentences on overrides that are wrong.
 _overridden: dict[int, tuple] = scene_cache.add_cache({}, by_scene=True)
@@ -27,8 +27,8 @@ def override_inputs(settings) -> tuple:
 
 def marks_of(entry) -> tuple:
     """Return the values of the entry that its override depends on."""
-    value = {"NUDGE": tuple(entry.move), "GROUP": entry.group_name}.get(entry.kind)
-    return entry.kind, value, entry.chosen_by, entry.agents.strip()
+    value = {"NUDGE": tuple(entry.move), "GROUP": entry.group_name}.get(entry.type)
+    return entry.type, value, entry.select_by, entry.agents.strip()
 
 
 def with_overrides(scene: bpy.types.Scene, trajectory: Trajectory) -> Trajectory:
@@ -58,8 +58,8 @@ def without_overrides(trajectory: Trajectory) -> Trajectory:
 
 def changes_crowd(entry) -> bool:
     """Return whether the entry changes the crowd itself."""
-    return entry.kind in CROWD_KINDS or (
-        entry.kind == HIDE and entry.all_frames and entry.chosen_by == "NUMBERS"
+    return entry.type in CROWD_TYPES or (
+        entry.type == HIDE and entry.all_frames and entry.select_by == "NUMBERS"
     )
 
 
@@ -85,14 +85,14 @@ def _overridden_crowd(
 
 def _override_of(entry, trajectory: Trajectory) -> CrowdOverride:
     stored_values.check(entry)
-    if entry.chosen_by != "NUMBERS":
+    if entry.select_by != "NUMBERS":
         raise CrowdError(
             f"The override {entry.name} does not know its agents yet: press Find Agents."
         )
     agents = parse_agents(entry.agents, len(trajectory.start), entry.name, trajectory.ids)
     names = [group.name for group in trajectory.groups]
     people = [group.name for group in trajectory.groups if not group.slot]
-    if entry.kind == "GROUP" and entry.group_name not in people:
+    if entry.type == "GROUP" and entry.group_name not in people:
         raise CrowdError(
             f"The override {entry.name} asks for the character group "
             f"{entry.group_name or 'of no name'}, and there is none: "
@@ -100,7 +100,7 @@ def _override_of(entry, trajectory: Trajectory) -> CrowdOverride:
         )
     return CrowdOverride(
         agents,
-        move=tuple(entry.move) if entry.kind == "NUDGE" else (0.0, 0.0, 0.0),
-        group=names.index(entry.group_name) if entry.kind == "GROUP" else None,
-        hide=entry.kind == HIDE,
+        move=tuple(entry.move) if entry.type == "NUDGE" else (0.0, 0.0, 0.0),
+        group=names.index(entry.group_name) if entry.type == "GROUP" else None,
+        hide=entry.type == HIDE,
     )

@@ -21,7 +21,7 @@ from ..settings.override_settings import REGIONS
 from ..sources.crowd_overrides import without_overrides
 
 NUDGE = 0.5  # meters by which one press moves
-# kind: name and icon of its button
+# type: name and icon of its button
 BUTTONS = {
     "NUDGE": ("Nudge", "EMPTY_ARROWS"),
     "HIDE": ("Hide", "HIDE_ON"),
@@ -39,7 +39,7 @@ class CROWDLOD_OT_override_agent(Reporting, bpy.types.Operator):
     bl_label = "Override Agent"
     needs = needs.crowd, needs.picked
 
-    kind: EnumProperty(
+    type: EnumProperty(
         name="Change",
         items=[
             ("NUDGE", "Nudge", "Half a meter along x; press again for as much more"),
@@ -56,7 +56,7 @@ class CROWDLOD_OT_override_agent(Reporting, bpy.types.Operator):
     @classmethod
     def description(cls, context, properties) -> str:
         return (
-            f"{properties.bl_rna.properties['kind'].enum_items[properties.kind].description}, "
+            f"{properties.bl_rna.properties['type'].enum_items[properties.type].description}, "
             f"in all frames"
         )
 
@@ -75,15 +75,15 @@ class CROWDLOD_OT_override_agent(Reporting, bpy.types.Operator):
             )
         entry = _entry(
             settings,
-            self.kind,
-            f"{BUTTONS[self.kind][0]} {agent}",
+            self.type,
+            f"{BUTTONS[self.type][0]} {agent}",
             agents_text(np.array([agent]), trajectory.ids),
         )
-        if self.kind == "NUDGE":
+        if self.type == "NUDGE":
             entry.move[0] += NUDGE / scene_data.meters(scene)
-        elif self.kind == "GROUP":
+        elif self.type == "GROUP":
             entry.group_name = _next_group(trajectory, agent)
-        elif self.kind == "ALWAYS":
+        elif self.type == "ALWAYS":
             frame = viewport_overlay.latest(scene)
             entry.level = (
                 int(frame.levels[agent]) if frame is not None and agent < len(frame.crowd) else 0
@@ -91,19 +91,19 @@ class CROWDLOD_OT_override_agent(Reporting, bpy.types.Operator):
         return f"{entry.name}: its values and its switch are in the list of overrides."
 
 
-def _entry(settings, kind: str, name: str, agents: str) -> bpy.types.PropertyGroup:
-    """Return the override of this kind for these agents alone, in all frames.
+def _entry(settings, type_: str, name: str, agents: str) -> bpy.types.PropertyGroup:
+    """Return the override of this type for these agents alone, in all frames.
 
     It is added if there is none yet, and it is selected and switched on.
     """
-    key = kind, "NUMBERS", agents, True
+    key = type_, "NUMBERS", agents, True
     keys = [
-        (entry.kind, entry.chosen_by, entry.agents.strip(), entry.all_frames)
+        (entry.type, entry.select_by, entry.agents.strip(), entry.all_frames)
         for entry in settings.overrides
     ]
     if key not in keys:
         added = settings.overrides.add()
-        added.kind = kind
+        added.type = type_
         added.name = name
         added.agents = agents
     settings.override_index = keys.index(key) if key in keys else len(keys)
@@ -136,7 +136,7 @@ def _write_numbers(context, entry) -> str:
             f"this frame."
         )
     entry.agents = agents_text(agents, trajectory.ids)
-    entry.chosen_by = "NUMBERS"
+    entry.select_by = "NUMBERS"
     return f"{entry.name}: {counted(len(agents), 'agent')} found, the same in all frames."
 
 
@@ -167,9 +167,9 @@ class CROWDLOD_OT_erase(Reporting, bpy.types.Operator):
             raise CrowdError("No mesh or empty is active: select one about the agents to erase.")
         entry = settings.overrides.add()
         try:
-            entry.chosen_by = "REGION"
+            entry.select_by = "REGION"
             entry.name = f"Erase {region.name}"
-            entry.kind = "HIDE"
+            entry.type = "HIDE"
             entry.region = region
             sentence = _write_numbers(context, entry)
         except CrowdError:
@@ -182,13 +182,13 @@ class CROWDLOD_OT_erase(Reporting, bpy.types.Operator):
 def draw_agent_overrides(layout) -> None:
     """Draw the buttons that override the picked agent."""
     column = layout.column(align=True)
-    for kinds in (("NUDGE", "HIDE"), ("GROUP", "ALWAYS")):
+    for types in (("NUDGE", "HIDE"), ("GROUP", "ALWAYS")):
         row = column.row(align=True)
-        for kind in kinds:
-            text, icon = BUTTONS[kind]
+        for type_ in types:
+            text, icon = BUTTONS[type_]
             row.operator(
                 "crowd_lod.override_agent", text=text, icon=icon, translate=False
-            ).kind = kind
+            ).type = type_
 
 
 CLASSES = (CROWDLOD_OT_override_agent, CROWDLOD_OT_find_agents, CROWDLOD_OT_erase)

@@ -44,10 +44,10 @@ class CROWDLOD_MT_work(bpy.types.Menu):
     def draw(self, context) -> None:
         for name in WORK:
             self.layout.operator(f"crowd_lod.{name}")
-        for kind, (text, icon) in BUTTONS.items():
+        for type_, (text, icon) in BUTTONS.items():
             self.layout.operator(
                 "crowd_lod.override_agent", text=f"{text} Picked Agent", icon=icon, translate=False
-            ).kind = kind
+            ).type = type_
 
 
 class CROWDLOD_MT_samples(bpy.types.Menu):

@@ -20,7 +20,7 @@ class CROWDLOD_UL_overrides(SwitchedRow, bpy.types.UIList):
             "NUDGE": "nudged",
             "GROUP": item.group_name,
         }
-        return words.get(item.kind, "unknown")  # of another version's file
+        return words.get(item.type, "unknown")  # of another version's file
 
 
 class CROWDLOD_OT_add_override(Reporting, bpy.types.Operator):

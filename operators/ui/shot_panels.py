@@ -19,7 +19,7 @@ from ..scene.plan_verdict import verdict_in_words
 from ..settings import needs
 from ..settings.budgets import LIMITS, budget_of, possible_budgets
 from ..settings.cost_table import costs_of
-from ..sources.crowd_overrides import CROWD_KINDS
+from ..sources.crowd_overrides import CROWD_TYPES
 from ..usd.openusd import missing_openusd
 from . import steps
 from .drawing import active_column, button, label, letters_of, limit, paragraph, wide
@@ -113,18 +113,18 @@ class CROWDLOD_PT_overrides(Step, bpy.types.Panel):
     def entry(self, layout, entry) -> None:
         """Draw the settings of the selected override."""
         column = active_column(layout, entry.use)
-        column.prop(entry, "kind")
-        if entry.kind == "GROUP":
+        column.prop(entry, "type")
+        if entry.type == "GROUP":
             column.prop_search(entry, "group_name", entry.id_data.crowd_lod, "groups")
-        elif entry.kind == "NUDGE":
+        elif entry.type == "NUDGE":
             column.prop(entry, "move")
         else:
-            active_column(column, entry.kind != "HIDE").prop(entry, "level")
-        column.prop(entry, "chosen_by")
-        column.prop(entry, "region" if entry.chosen_by == "REGION" else "agents")
-        by_place = active_column(column, entry.chosen_by != "NUMBERS")
+            active_column(column, entry.type != "HIDE").prop(entry, "level")
+        column.prop(entry, "select_by")
+        column.prop(entry, "region" if entry.select_by == "REGION" else "agents")
+        by_place = active_column(column, entry.select_by != "NUMBERS")
         by_place.operator("crowd_lod.find_agents", icon="VIEWZOOM")
-        span = active_column(column, entry.kind not in CROWD_KINDS)
+        span = active_column(column, entry.type not in CROWD_TYPES)
         span.prop(entry, "all_frames")
         frames = active_column(span, not entry.all_frames)
         frames.prop(entry, "first_frame")

@@ -15,10 +15,10 @@ from .test_build import instances
 from .test_shot_overrides import add, cube, frame_at, planned, seen_at
 
 
-def press(scene, agent, *kinds):
+def press(scene, agent, *types):
     scene.crowd_lod.agent = agent
-    for kind in kinds:
-        assert bpy.ops.crowd_lod.override_agent(kind=kind) == {"FINISHED"}
+    for type_ in types:
+        assert bpy.ops.crowd_lod.override_agent(type=type_) == {"FINISHED"}
 
 
 def test_each_button_edits_the_picked_agent_and_its_entry_can_be_switched_off(levelled):
@@ -26,7 +26,7 @@ def test_each_button_edits_the_picked_agent_and_its_entry_can_be_switched_off(le
     own = trajectory_of(levelled)
     before = own.at(7)
     press(levelled, 12, "NUDGE", "NUDGE", "GROUP", "HIDE", "ALWAYS")
-    assert [entry.kind for entry in settings.overrides] == ["NUDGE", "GROUP", "HIDE", "ALWAYS"]
+    assert [entry.type for entry in settings.overrides] == ["NUDGE", "GROUP", "HIDE", "ALWAYS"]
     assert {entry.agents for entry in settings.overrides} == {"12"}
     crowd = trajectory_of(levelled).at(7)
     assert crowd.x[12] - before.x[12] == pytest.approx(1.0) and crowd.y[12] == before.y[12]
@@ -40,13 +40,13 @@ def test_each_button_edits_the_picked_agent_and_its_entry_can_be_switched_off(le
 def test_a_pin_and_a_hide_hold_without_a_shot_plan(levelled):
     (hidden, finer, *_) = seen_at(levelled, 2)
     (pinned, *_) = seen_at(levelled, 0)
-    add(levelled, "Pin", agents=f"{pinned}", kind="ALWAYS", level=2)
-    add(levelled, "Detail", agents=f"{finer}", kind="NEVER_COARSER", level=1)
+    add(levelled, "Pin", agents=f"{pinned}", type="ALWAYS", level=2)
+    add(levelled, "Detail", agents=f"{finer}", type="NEVER_COARSER", level=1)
     add(
         levelled,
         "Gone",
         agents=f"{hidden}",
-        kind="HIDE",
+        type="HIDE",
         all_frames=False,
         first_frame=6,
         last_frame=9,
@@ -81,15 +81,15 @@ def test_the_build_shows_edited_agents_where_they_are_put(built, make, monkeypat
         frame.visible & (frame.crowd.group == frame.crowd.group.max())
     )[:3].tolist()
     crowd = frame.crowd
-    add(built, "a", kind="NUDGE", agents=f"{moved}", move=(0.25, 0.5, 1.5))
+    add(built, "a", type="NUDGE", agents=f"{moved}", move=(0.25, 0.5, 1.5))
     add(
         built,
         "b",
-        kind="GROUP",
+        type="GROUP",
         agents=f"{swapped}",
         group_name=trajectory_of(built).groups[0].name,
     )
-    add(built, "c", kind="HIDE", agents=f"{hidden}")
+    add(built, "c", type="HIDE", agents=f"{hidden}")
     getattr(bpy.ops.crowd_lod, make)()
     assert changed_since_build(built) == []
     built.frame_set(2)
@@ -115,7 +115,7 @@ def test_who_is_hidden_is_not_missed_by_the_proof(levelled, all_frames):
 
     (agent, *_) = seen_at(levelled, 1)
     add(
-        levelled, kind="HIDE", agents=f"{agent}", all_frames=all_frames, first_frame=2, last_frame=3
+        levelled, type="HIDE", agents=f"{agent}", all_frames=all_frames, first_frame=2, last_frame=3
     )
     everyone = everyone_there(frame_at(levelled, 2))
     assert len(everyone) == levelled.crowd_lod.count - 1 and agent not in everyone
@@ -142,7 +142,7 @@ def test_the_plan_knows_of_edits_and_says_when_they_change(levelled, tmp_path):
     press(levelled, agent + 1, "NUDGE")
     levels, told = planned(levelled, tmp_path / "plan")
     assert frame_at(levelled, 2).planned and not frame_at(levelled, 2).visible[agent]
-    assert [each["kind"] for each in told["shot"]["overrides"]] == ["HIDE"]
+    assert [each["type"] for each in told["shot"]["overrides"]] == ["HIDE"]
     levelled.crowd_lod.overrides[1].move[1] = 3
     assert "for the overrides changed since" in frame_at(levelled, 2).unplanned
 
@@ -160,7 +160,7 @@ def test_erasing_keeps_numbers_of_who_stands_in_the_box(levelled):
     region.location.x += 30
     assert gone() == inside.tolist()
     # found anew, they are those where the region is now
-    levelled.crowd_lod.overrides[0].chosen_by = "REGION"
+    levelled.crowd_lod.overrides[0].select_by = "REGION"
     region.location.x -= 34
     bpy.context.view_layer.update()
     bpy.ops.crowd_lod.find_agents()
@@ -170,9 +170,9 @@ def test_erasing_keeps_numbers_of_who_stands_in_the_box(levelled):
 
 def test_who_is_nudged_is_found_where_he_walks_without_edits(levelled):
     own = trajectory_of(levelled).at(1)
-    add(levelled, kind="NUDGE", agents=f"0-{len(own) - 1}", move=(500, 0, 0))
+    add(levelled, type="NUDGE", agents=f"0-{len(own) - 1}", move=(500, 0, 0))
     region = cube(levelled, (-5, -8, -1), (9, 0, 1))
-    add(levelled, kind="HIDE", chosen_by="REGION", region=region)
+    add(levelled, type="HIDE", select_by="REGION", region=region)
     levelled.crowd_lod.override_index = 1
     levelled.frame_set(1)
     bpy.ops.crowd_lod.find_agents()
@@ -183,28 +183,28 @@ def test_who_is_nudged_is_found_where_he_walks_without_edits(levelled):
 
 WRONG = [
     (
-        dict(kind="NUDGE", agents="300", move=(1, 0, 0)),
+        dict(type="NUDGE", agents="300", move=(1, 0, 0)),
         "The override Hero names agent 300: the crowd has 300",
     ),
-    (dict(kind="NUDGE", agents=""), "The override Hero names no agents"),
+    (dict(type="NUDGE", agents=""), "The override Hero names no agents"),
     (
-        dict(kind="GROUP", agents="3", group_name="nobody"),
+        dict(type="GROUP", agents="3", group_name="nobody"),
         "The override Hero asks for the character group nobody",
     ),
     (
-        dict(kind="HIDE", agents="#7"),
+        dict(type="HIDE", agents="#7"),
         "The override Hero names #7: no agent has that number in its file or object",
     ),
     (
-        dict(kind="NUDGE", chosen_by="REGION"),
+        dict(type="NUDGE", select_by="REGION"),
         "The override Hero does not know its agents yet: press Find Agents",
     ),
     (
-        dict(kind="NUDGE", agents="1", move=(float("nan"), 0, 0)),
+        dict(type="NUDGE", agents="1", move=(float("nan"), 0, 0)),
         "The setting Nudge of Scene is nan",
     ),
     (
-        dict(kind="ALWAYS", agents="1", level=3),
+        dict(type="ALWAYS", agents="1", level=3),
         "The override Hero asks for LOD 3: the crowd has LODs 0 to 2",
     ),
 ]
@@ -215,7 +215,7 @@ def test_wrong_edits_are_told_in_one_sentence_and_the_crowd_still_works(
     levelled, tmp_path, settings, says
 ):
     before = frame_at(levelled, 4)
-    add(levelled, "Good", kind="NUDGE", agents="5", move=(0.25, 0, 0))
+    add(levelled, "Good", type="NUDGE", agents="5", move=(0.25, 0, 0))
     add(levelled, **settings)
     frame = frame_at(levelled, 4)
     assert says in frame.unplanned and frame.unplanned.count("Hero") <= 1
@@ -236,7 +236,7 @@ def test_buttons_say_what_they_lack(levelled):
     settings.agent = 300
     for press_, says in (
         (
-            lambda: bpy.ops.crowd_lod.override_agent(kind="HIDE"),
+            lambda: bpy.ops.crowd_lod.override_agent(type="HIDE"),
             "There is no agent 300: the crowd has 300",
         ),
         (bpy.ops.crowd_lod.erase, "No mesh or empty is active"),
@@ -255,10 +255,10 @@ def test_files_of_before_there_were_edits_mean_the_same(scene):
     known = scene.crowd_lod.overrides.add().bl_rna.properties
     stored = {
         name: {item.identifier: item.value for item in known[name].enum_items}
-        for name in ("kind", "chosen_by")
+        for name in ("type", "select_by")
     }
-    assert stored["kind"] | {"NEVER_COARSER": 0, "ALWAYS": 1, "HIDE": 2} == stored["kind"]
-    assert stored["chosen_by"] == {"NUMBERS": 0, "REGION": 1}
+    assert stored["type"] | {"NEVER_COARSER": 0, "ALWAYS": 1, "HIDE": 2} == stored["type"]
+    assert stored["select_by"] == {"NUMBERS": 0, "REGION": 1}
 
 
 def test_numbers_of_several_crowds_are_those_of_all_together(levelled):

@@ -50,7 +50,7 @@ def test_properties_have_our_context():
         "verify_count",
         "overlay",
         "on_ground",
-        "chosen_by",
+        "select_by",
         "step",
         "which",
     } <= names

@@ -28,7 +28,7 @@ def planned(levelled, tmp_path, capfd):
     seen = frame_now(levelled, bpy.context.evaluated_depsgraph_get()).visible
     entry = levelled.crowd_lod.overrides.add()
     entry.name = "Gone"
-    entry.kind = "HIDE"
+    entry.type = "HIDE"
     entry.agents = str(seen.argmax())
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "crowd.blend"))
     assert run("plan", tmp_path / "crowd.blend", "--frames", "1:6", "--out", tmp_path / "plan") == 0

@@ -78,7 +78,7 @@ def test_make_heeds_memory_and_overrides(planned):
     settings.budget_memory = 0
     settings.budget_triangles = 60
     entry = settings.overrides.add()
-    entry.kind = "ALWAYS"
+    entry.type = "ALWAYS"
     entry.level = 0
     entry.agents = "0-5"
     with pytest.raises(CrowdError, match="set Triangles to") as error:

@@ -59,12 +59,12 @@ def test_the_plan_keeps_to_overrides_and_its_users_show_them(levelled, tmp_path)
     settings = levelled.crowd_lod
     (finer, hidden, *_) = seen_at(levelled, 2)
     (pinned, *_) = seen_at(levelled, 0)
-    add(levelled, "Detail", agents=f"{finer}", kind="NEVER_COARSER", level=1)
+    add(levelled, "Detail", agents=f"{finer}", type="NEVER_COARSER", level=1)
     add(
         levelled,
         "Pin",
         agents=f"{pinned}",
-        kind="ALWAYS",
+        type="ALWAYS",
         level=2,
         all_frames=False,
         first_frame=4,
@@ -74,7 +74,7 @@ def test_the_plan_keeps_to_overrides_and_its_users_show_them(levelled, tmp_path)
         levelled,
         "Gone",
         agents=f"{hidden}",
-        kind="HIDE",
+        type="HIDE",
         all_frames=False,
         first_frame=6,
         last_frame=9,
@@ -87,7 +87,7 @@ def test_the_plan_keeps_to_overrides_and_its_users_show_them(levelled, tmp_path)
     assert told["shot"]["overrides"] == [
         {
             "name": "Detail",
-            "kind": "NEVER_COARSER",
+            "type": "NEVER_COARSER",
             "lod": 1,
             "chosen": f"agents {finer}",
             "agents": 1,
@@ -96,7 +96,7 @@ def test_the_plan_keeps_to_overrides_and_its_users_show_them(levelled, tmp_path)
         },
         {
             "name": "Pin",
-            "kind": "ALWAYS",
+            "type": "ALWAYS",
             "lod": 2,
             "chosen": f"agents {pinned}",
             "agents": 1,
@@ -105,7 +105,7 @@ def test_the_plan_keeps_to_overrides_and_its_users_show_them(levelled, tmp_path)
         },
         {
             "name": "Gone",
-            "kind": "HIDE",
+            "type": "HIDE",
             "lod": None,
             "chosen": f"agents {hidden}",
             "agents": 1,
@@ -144,7 +144,7 @@ def test_who_is_hidden_casts_no_shadow(levelled, tmp_path):
     with frame_stepping.step_frames(levelled) as at:
         moment = lights.read_moment(levelled, 3, at)
     plain = frame_by_policy(read_crowd(levelled), moment)
-    add(levelled, agents=f"0-{levelled.crowd_lod.count - 1}", kind="HIDE")
+    add(levelled, agents=f"0-{levelled.crowd_lod.count - 1}", type="HIDE")
     planned(levelled, tmp_path / "plan")
     levelled.frame_set(3)
     frame = frame_now(levelled, bpy.context.evaluated_depsgraph_get(), around=moment.around)
@@ -166,8 +166,8 @@ def cube(scene, low, high, name="Region"):
 
 def test_a_region_means_those_inside_its_box_when_it_begins(levelled):
     region = cube(levelled, (-5, -8, -1), (9, 0, 1))
-    add(levelled, chosen_by="REGION", region=region)
-    add(levelled, chosen_by="REGION", region=region, all_frames=False, first_frame=8, last_frame=90)
+    add(levelled, select_by="REGION", region=region)
+    add(levelled, select_by="REGION", region=region, all_frames=False, first_frame=8, last_frame=90)
 
     def inside(number):
         crowd = trajectory_of(levelled).at(number)
@@ -206,7 +206,7 @@ def test_a_region_that_moves_is_taken_where_it_is_when_the_override_begins(level
         region.keyframe_insert("location", index=1, frame=number)
     levelled.frame_set(1)
     add(
-        levelled, chosen_by="REGION", region=region, all_frames=False, first_frame=11, last_frame=12
+        levelled, select_by="REGION", region=region, all_frames=False, first_frame=11, last_frame=12
     )
     crowd = trajectory_of(levelled).at(11)
     there = np.flatnonzero(
@@ -218,8 +218,8 @@ def test_a_region_that_moves_is_taken_where_it_is_when_the_override_begins(level
 @pytest.mark.parametrize("change", ["moved", "renumbered", "frames", "order"])
 def test_the_plan_says_when_an_override_has_changed(levelled, tmp_path, change):
     region = cube(levelled, (-20, -20, -1), (20, 20, 1))
-    add(levelled, "A", agents="1", kind="ALWAYS", level=1, all_frames=False)
-    add(levelled, "B", chosen_by="REGION", region=region)
+    add(levelled, "A", agents="1", type="ALWAYS", level=1, all_frames=False)
+    add(levelled, "B", select_by="REGION", region=region)
     planned(levelled, tmp_path / "plan")
     assert frame_at(levelled, 2).planned
     settings = levelled.crowd_lod
@@ -246,11 +246,11 @@ WRONG = [
         dict(agents="1", all_frames=False, first_frame=9, last_frame=3),
         "runs backwards, from frame 9 to 3",
     ),
-    (dict(chosen_by="REGION"), "has no region"),
-    (dict(chosen_by="REGION", region="far"), "no agent stands in its region far at frame 1"),
-    (dict(chosen_by="REGION", region="bare"), "The region bare of the override Hero has no area"),
+    (dict(select_by="REGION"), "has no region"),
+    (dict(select_by="REGION", region="far"), "no agent stands in its region far at frame 1"),
+    (dict(select_by="REGION", region="bare"), "The region bare of the override Hero has no area"),
     (
-        dict(chosen_by="REGION", region="shrunk"),
+        dict(select_by="REGION", region="shrunk"),
         "The region shrunk of the override Hero has no area",
     ),
 ]
@@ -279,7 +279,7 @@ def test_wrong_overrides_are_named_in_one_sentence_and_change_nothing(
 def test_an_override_outside_of_the_plan_has_nobody(levelled):
     add(
         levelled,
-        chosen_by="REGION",
+        select_by="REGION",
         region=cube(levelled, (500, 500, -1), (501, 501, 1)),
         all_frames=False,
         first_frame=90,

@@ -102,7 +102,7 @@ def test_what_is_worn_follows_overrides_points_and_further_crowds(dressed):
     values = ("HIDE", {}), ("GROUP", {"group_name": "child"}), ("NUDGE", {"move": (3, 0, 0)})
     for agent, (kind, more) in zip((first, second, third), values, strict=True):
         entry = settings.overrides.add()
-        entry.kind = kind
+        entry.type = kind
         entry.agents = str(agent)
         for name, value in more.items():
             setattr(entry, name, value)
@@ -114,7 +114,7 @@ def test_what_is_worn_follows_overrides_points_and_further_crowds(dressed):
     assert len(rows[1]) == 1 and crowd.group[rows[1]] == [names.index("child")]
     assert len(rows[2]) > 1 and np.allclose(crowd.x[rows[2]] - before.x[third], 3)
     settings.agent = int(rows[2][1])  # what a large change of the plan may be of
-    bpy.ops.crowd_lod.override_agent(kind="HIDE")
+    bpy.ops.crowd_lod.override_agent(type="HIDE")
     assert settings.overrides[-1].agents == str(third)
     settings.overrides.clear()
     bpy.ops.crowd_lod.add_crowd()

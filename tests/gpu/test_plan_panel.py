@@ -17,7 +17,7 @@ def test_the_panel_says_whether_the_plan_holds_in_the_frame_that_is_shown(tmp_pa
         settings.level_count = 1
         entry = settings.overrides.add()
         entry.agents = str(settings.agent)
-        entry.kind = "HIDE"
+        entry.type = "HIDE"
         settings.frames = "1:3"
         settings.output_folder = str(tmp_path)
         with bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[0]):
@@ -29,7 +29,7 @@ def test_the_panel_says_whether_the_plan_holds_in_the_frame_that_is_shown(tmp_pa
         said = describe(viewport_overlay.account_of(scene))
         assert said == f"Agent {settings.agent}, culled: override"
         # what the user changes shows at the next redraw
-        entry.kind = "ALWAYS"
+        entry.type = "ALWAYS"
         entry.level = 0
         shown(scene)
         assert shot_panels.describe_hold(scene) == ("Does not hold: see above", "ERROR")
@@ -40,7 +40,7 @@ def test_the_panel_says_whether_the_plan_holds_in_the_frame_that_is_shown(tmp_pa
         )
         said = describe(viewport_overlay.account_of(scene))
         assert said.startswith(f"Agent {settings.agent}, LOD 0 (override): ")
-        entry.kind = "HIDE"
+        entry.type = "HIDE"
         shown(scene)
         assert shot_panels.describe_hold(scene)[1] == "CHECKMARK"
         scene.frame_set(9)

@@ -116,7 +116,7 @@ def built_agents() -> list[list[int]]:
 def override(agent: int, kind: str):
     settings().agent = agent
     status = yield from press("add_agent_override")
-    settings().overrides[settings().override_index].kind = kind
+    settings().overrides[settings().override_index].type = kind
     return status
 
 

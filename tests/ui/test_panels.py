@@ -133,7 +133,7 @@ def test_a_machine_that_cannot_be_read_is_drawn(window, name):
 
 
 @pytest.mark.parametrize(
-    "name", ["LODs emptied", "more LODs", "kind of override unknown", "overrides by unknown"]
+    "name", ["LODs emptied", "more LODs", "type of override unknown", "overrides by unknown"]
 )
 def test_a_state_that_raised_once_is_drawn(window, name):
     window.draw([(name,), ("set", "settings", 0, "choice", "BY_TOLERANCE"), ("undo",)])
