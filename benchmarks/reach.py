@@ -203,7 +203,7 @@ def prepare(
     settings = scene.crowd_lod
     settings.output_folder = f"{folder}/output"
     bpy.ops.crowd_lod.populate()
-    settings.choice = "BY_RATIO"
+    settings.choice = "BY_DISTANCE"
     settings.level_count = 1
     bpy.ops.crowd_lod.make_levels()
     full = f"{folder}/full.blend"

@@ -91,7 +91,7 @@ def _scene(slots: int) -> bpy.types.Scene:
     settings.forward = "X"
     settings.count = AGENTS
     settings.size = (100, 100)
-    settings.choice = "BY_RATIO"
+    settings.choice = "BY_DISTANCE"
     settings.method = "DECIMATE"
     return scene
 

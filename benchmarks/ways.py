@@ -83,8 +83,8 @@ def prepare(
     store_groups(settings, measure_groups(scene))
     settings.thresholds[:2] = [meters / scene.camera.data.clip_end for meters in (15, 40)]
     for way, choice, count in (
-        ("full", "BY_RATIO", 1),
-        ("by distance", "BY_RATIO", 3),
+        ("full", "BY_DISTANCE", 1),
+        ("by distance", "BY_DISTANCE", 3),
         ("1 px", "BY_TOLERANCE", 3),
     ):
         settings.choice = choice
@@ -134,7 +134,7 @@ def counts(
     scene = _scene(crowd, "CYCLES", width, samples)
     rows = []
     settings = scene.crowd_lod
-    settings.choice = "BY_RATIO"
+    settings.choice = "BY_DISTANCE"
     store_groups(settings, measure_groups(scene))
     settings.thresholds[:2] = [meters / scene.camera.data.clip_end for meters in (8, 25)]
     level_counts = {EVERYONE: 1} | ({"by distance": 3} if lods else {})
@@ -170,7 +170,7 @@ def _counted(scene: bpy.types.Scene, way: str, agents: int) -> dict:
         finished(bake.bake(scene, FRAMES[:1]))
         return {
             name: float(np.sum(value))
-            for name, value in vars(works[Case("BY_RATIO", True)]).items()
+            for name, value in vars(works[Case("BY_DISTANCE", True)]).items()
         }
     top = scene.crowd_lod.build
     full = works[Case(FULL, True)]

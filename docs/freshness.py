@@ -33,7 +33,7 @@ def parts_of(scene, artifact):
     if artifact is not artifacts.LODS:
         return list(artifact.parts(scene))
     names = {}
-    for choice in ("BY_RATIO", "BY_TOLERANCE"):
+    for choice in ("BY_DISTANCE", "BY_TOLERANCE"):
         scene.crowd_lod.choice = choice
         names |= lod_parts(scene)
     return [*names, "levels", "character groups"]

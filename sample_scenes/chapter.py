@@ -47,7 +47,7 @@ def make(scene: bpy.types.Scene) -> None:
     settings.frames = ""
     settings.step = 10
     settings.width = 960
-    settings.choice = "BY_RATIO"
+    settings.choice = "BY_DISTANCE"
     settings.level_count = 3
     settings.ratios[:3] = (1.0, 0.4, 0.12)
     settings.thresholds[:2] = (0.3, 0.6)

@@ -155,7 +155,7 @@ def _rule(levels: dict) -> str:
     if levels["tolerance"] is not None:
         shading = (
             f", and no shaded picture differs by more than {WITHIN:.0%} of white"
-            if levels.get("shading_counts")
+            if levels.get("match_shading")
             else ""
         )
         limits = levels["budget"]

@@ -17,7 +17,7 @@ MEASURED = (
 )
 OF_EACH_LEVEL = "vertices", "triangles", "deviations", "bounds", "rms", "worst"
 # What users set: groups of the same name keep it.
-SET_BY_HAND = "own_thresholds", "thresholds", "finest", "share", "scale"
+SET_BY_HAND = "use_custom_thresholds", "thresholds", "finest", "share", "scale"
 
 
 def groups_of(settings) -> tuple[Group, ...]:
@@ -97,9 +97,9 @@ def count_of(settings, choice: str = "") -> int:
 
     By distance that is the setting, by tolerance the number of LODs made, or 1 before they are.
 
-    choice: BY_RATIO or BY_TOLERANCE in place of the settings' own.
+    choice: BY_DISTANCE or BY_TOLERANCE in place of the settings' own.
     """
-    if (choice or settings.choice) == "BY_RATIO":
+    if (choice or settings.choice) == "BY_DISTANCE":
         return settings.level_count
     return len(settings.levels.children) if settings.levels is not None else 1
 

@@ -60,7 +60,7 @@ def lod_parts(scene: bpy.types.Scene) -> dict[str, str]:
     """Return what LOD meshes follow from. A lens that moves is left out."""
     settings = scene.crowd_lod
     facts = of_characters(cast_inputs(scene)) | {SIMPLIFY: _simplify(scene.render)}
-    if settings.choice == "BY_RATIO":
+    if settings.choice == "BY_DISTANCE":
         ratios = settings.ratios[1 : settings.level_count]
         return facts | {RATIOS: ", ".join(f"{ratio:.3g}" for ratio in ratios)}
     if limits_levels(settings):

@@ -129,7 +129,7 @@ class Ladder:
         self.objects = objects
         self.searched = settings.choice == "BY_TOLERANCE"
         self.goals = [0.0] if self.searched else ratios
-        self.looks = Looks() if self.searched and settings.shading_counts else None
+        self.looks = Looks() if self.searched and settings.match_shading else None
         self.measured = Measurements(bool(self.looks))
         self.place = [*place, *map(displaced, objects)]
         self.reach: tuple[float, float, float, float] | None = None

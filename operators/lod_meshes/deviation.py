@@ -361,7 +361,7 @@ def measure_levels(scene: bpy.types.Scene) -> Iterator[float]:
         actions = actions_named(scene, name)
         steps = measure(group_by_name[name], objects, meshes, actions)
         measured_group = yield from work.take(steps, 1)
-        if settings.shading_counts:
+        if settings.match_shading:
             appearance = Looks()
             coarser = zip(meshes[1:], measured_group.worst[1:], strict=True)
             performance = performance_of(name, objects, actions)

@@ -108,7 +108,7 @@ def views(crowd: SceneCrowd) -> Generator[float, None, list[GroupShot]]:
             group_views or anywhere,
             int(pose_count),
             costs,
-            settings.shading_counts,
+            settings.match_shading,
             cast.of_group(g, part),
         )
         for g, (group_views, pose_count, part) in enumerate(

@@ -157,7 +157,7 @@ def choices_of(settings) -> dict[str, Choice]:
         )
     full = np.array([counts[0] for counts in triangles_of], np.float64)[:, None]
     choices = {FULL: Choice(LevelPolicy(()), full)}
-    for choice in ("BY_RATIO", "BY_TOLERANCE"):
+    for choice in ("BY_DISTANCE", "BY_TOLERANCE"):
         # the other's settings may be anything
         with nullcontext() if choice == settings.choice else suppress(CrowdError):
             policy = policy_of(settings, choice)
@@ -168,7 +168,7 @@ def choices_of(settings) -> dict[str, Choice]:
                     policy,
                     np.array([counts[: policy.count] for counts in triangles_of], np.float64),
                 )
-            elif choice == "BY_RATIO":
+            elif choice == "BY_DISTANCE":
                 choices[choice] = Choice(
                     policy, full * np.round(settings.ratios[: policy.count], 6)
                 )

@@ -134,12 +134,12 @@ def policy_of(settings, choice: str = "") -> LevelPolicy:
 
     By tolerance, a LOD begins where its deviation shows that many pixels.
 
-    choice: BY_RATIO or BY_TOLERANCE in place of the settings' own.
+    choice: BY_DISTANCE or BY_TOLERANCE in place of the settings' own.
     """
     tolerant = (choice or settings.choice) == "BY_TOLERANCE"
     leads = [lead_of(group) for group in settings.groups]
     group_thresholds = [
-        _thresholds(group, settings) if group.own_thresholds and not tolerant else ()
+        _thresholds(group, settings) if group.use_custom_thresholds and not tolerant else ()
         for group in leads
     ]
     return LevelPolicy(
@@ -154,7 +154,7 @@ def policy_of(settings, choice: str = "") -> LevelPolicy:
         if tolerant and settings.memory_tolerance
         else (),
         margin=settings.margin if settings.margin_kind == "FIXED" else None,
-        shading=tolerant and settings.shading_counts,
+        shading=tolerant and settings.match_shading,
     )
 
 

@@ -8,7 +8,7 @@ import bpy
 
 FULL = "FULL"
 # by FULL or a value of the setting Choose LODs
-TITLES = {FULL: "Full Detail", "BY_RATIO": "By Distance", "BY_TOLERANCE": "By Tolerance"}
+TITLES = {FULL: "Full Detail", "BY_DISTANCE": "By Distance", "BY_TOLERANCE": "By Tolerance"}
 
 
 class Case(NamedTuple):

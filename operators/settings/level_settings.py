@@ -151,8 +151,8 @@ class CrowdLodGroup(bpy.types.PropertyGroup):
         max=MOST_LEVELS - 1,
         description="Finer LODs of this group are not built, to fit in Memory for Characters",
     )
-    own_thresholds: BoolProperty(
-        name="Own Thresholds", description="This group has LOD distances of its own"
+    use_custom_thresholds: BoolProperty(
+        name="Custom Thresholds", description="This group has LOD distances of its own"
     )
     thresholds: FloatVectorProperty(
         update=push,
@@ -176,7 +176,7 @@ class LevelSettings:
         description="How many LODs there are, and where they begin",
         items=[
             (
-                "BY_RATIO",
+                "BY_DISTANCE",
                 "By Distance",
                 "Set how many LODs there are, what they keep and where they begin",
             ),
@@ -207,7 +207,7 @@ class LevelSettings:
         description="Megabytes that the characters may take in a render: LODs are chosen to fit, "
         "where they deviate least. 0 is no limit",
     )
-    shading_counts: BoolProperty(
+    match_shading: BoolProperty(
         name="Match Shading",
         description="By tolerance, a LOD also begins only where its shaded picture differs by 2 % "
         "of white at most",

@@ -294,7 +294,7 @@ def _lods_of(group, without: str) -> str:
     )
 
 
-class CROWDLOD_PT_own_thresholds(Step, bpy.types.Panel):
+class CROWDLOD_PT_custom_thresholds(Step, bpy.types.Panel):
     bl_label = "Thresholds of Groups"
     bl_parent_id = "CROWDLOD_PT_levels"
 
@@ -302,15 +302,17 @@ class CROWDLOD_PT_own_thresholds(Step, bpy.types.Panel):
     def poll(cls, context) -> bool:
         settings = context.scene.crowd_lod
         return (
-            settings.choice == "BY_RATIO" and settings.level_count > 1 and len(settings.groups) > 0
+            settings.choice == "BY_DISTANCE"
+            and settings.level_count > 1
+            and len(settings.groups) > 0
         )
 
     def body(self, context, layout, settings) -> None:
         layout.use_property_split = False
         for group in [group for group in settings.groups if not group.variant_of][:MOST_ROWS]:
-            layout.prop(group, "own_thresholds", text=group.name, translate=False)
+            layout.prop(group, "use_custom_thresholds", text=group.name, translate=False)
             row = layout.row(align=True)
-            row.active = group.own_thresholds
+            row.active = group.use_custom_thresholds
             for level in range(settings.level_count - 1):
                 row.prop(group, "thresholds", index=level, text="")
 
@@ -320,7 +322,7 @@ class CROWDLOD_PT_decimation(Step, bpy.types.Panel):
     bl_parent_id = "CROWDLOD_PT_levels"
 
     def body(self, context, layout, settings) -> None:
-        active_column(layout, settings.choice == "BY_TOLERANCE").prop(settings, "shading_counts")
+        active_column(layout, settings.choice == "BY_TOLERANCE").prop(settings, "match_shading")
         layout.prop(settings, "bias_image")
 
 
@@ -361,7 +363,7 @@ CLASSES = (
     CROWDLOD_PT_camera,
     CROWDLOD_PT_culling,
     CROWDLOD_PT_levels,
-    CROWDLOD_PT_own_thresholds,
+    CROWDLOD_PT_custom_thresholds,
     CROWDLOD_PT_decimation,
     CROWDLOD_PT_overlay,
 )

@@ -95,7 +95,7 @@ def library(tmp_path):
     path = tmp_path / "library.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    bpy.context.scene.crowd_lod.choice = "BY_RATIO"
+    bpy.context.scene.crowd_lod.choice = "BY_DISTANCE"
     return path
 
 

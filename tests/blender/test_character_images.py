@@ -103,7 +103,7 @@ def from_file(crowd, folder):
 
 def image_memory(crowd):
     """The (bytes, number) of images that a build is said to load in full, by ratio."""
-    work = finished(estimate(crowd, [1])).works[Case("BY_RATIO")]
+    work = finished(estimate(crowd, [1])).works[Case("BY_DISTANCE")]
     return work.images, work.image_count
 
 

@@ -57,7 +57,7 @@ def test_work_is_what_the_depsgraph_shows(levelled, known, planned):
         and Case(FULL, known) in found.works
         and found.costs.engine == "EEVEE"
     )
-    work = found.works[Case("BY_RATIO", known)]
+    work = found.works[Case("BY_DISTANCE", known)]
     finished(bake.bake(scene, frames) if known else render_setup.build(read_crowd(scene)))
     top = scene.crowd_lod.build
     for f, number in enumerate(frames):
@@ -87,8 +87,8 @@ def test_the_button_fills_the_table_and_asks_for_lod_meshes(scene):
     costs = costs_of(scene.crowd_lod).costs
     assert [*costs] == [
         Case(FULL),
-        Case("BY_RATIO"),
-        Case("BY_RATIO", True),
+        Case("BY_DISTANCE"),
+        Case("BY_DISTANCE", True),
         Case("BY_TOLERANCE"),
     ] and costs[Case(FULL)].time == 1
     scene.crowd_lod.tolerance = 2.0

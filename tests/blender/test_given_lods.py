@@ -146,12 +146,12 @@ def test_an_edited_lod_makes_the_lods_stale_and_is_measured_again():
     assert after[0] == before[0] and after[1] > before[1] + 0.005
 
 
-def test_by_ratio_they_come_first_and_the_others_are_coarser():
+def test_by_distance_they_come_first_and_the_others_are_coarser():
     scene = bpy.context.scene
     take_people(scene, 2)
     settings = seen_from(scene, 12)
     settings.level_count = 3
-    settings.choice = "BY_RATIO"
+    settings.choice = "BY_DISTANCE"
     bpy.ops.crowd_lod.make_levels()
     whole, given, made = settings.groups[0].triangles[:3]
     assert (whole, given) == (1152, 640) and made <= 320

@@ -214,7 +214,7 @@ def test_characters_linked_from_another_file(tmp_path, override):
         if group.name not in top.children:
             top.children.link(group)
     scene.crowd_lod.characters = top
-    scene.crowd_lod.choice = "BY_RATIO"
+    scene.crowd_lod.choice = "BY_DISTANCE"
     states = {block: (block.name, block.library) for block in bpy.data.user_map()}
     lod = make_lods(2)["body LOD 2"]
     assert (

@@ -119,7 +119,7 @@ def test_tolerance_reaches_the_frame_and_a_wrong_one_is_refused(made):
         settings.tolerance = wrong
         with pytest.raises(CrowdError, match="tolerance"):
             frame_now(made, depsgraph)
-    settings.choice = "BY_RATIO"
+    settings.choice = "BY_DISTANCE"
     assert scene_crowd.policy_of(settings).thresholds == (0.2, 0.5)
 
 

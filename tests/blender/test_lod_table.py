@@ -42,7 +42,7 @@ def tables_of(scene, folder):
 
 
 @pytest.mark.once
-@pytest.mark.parametrize("choice, kind", [("BY_RATIO", "PERSP"), ("BY_TOLERANCE", "ORTHO")])
+@pytest.mark.parametrize("choice, kind", [("BY_DISTANCE", "PERSP"), ("BY_TOLERANCE", "ORTHO")])
 def test_rendered_silhouettes_stay_within_what_the_deviation_predicts(
     scene, tmp_path, monkeypatch, choice, kind
 ):

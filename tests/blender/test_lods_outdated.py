@@ -47,7 +47,7 @@ def test_lods_that_lack_what_the_settings_ask_for_are_to_be_made_again(adults):
     scene = adults
     settings = scene.crowd_lod
     assert not told_of(scene) and steps.next_operator(scene) != "crowd_lod.make_levels"
-    settings.choice = "BY_RATIO"
+    settings.choice = "BY_DISTANCE"
     settings.level_count = 6
     assert (
         f"levels {len(settings.levels.children)} (now 6)" in told_of(scene)

@@ -104,7 +104,7 @@ def test_props_follow_their_group(dressed):
     populated(dressed)
     settings = dressed.crowd_lod
     adult = settings.groups["adult"]
-    adult.own_thresholds = True
+    adult.use_custom_thresholds = True
     adult.scale = (0.5, 2)
     assert [bool(own) for own in policy_of(settings).group_thresholds] == [True] * 3 + [False]
     assert [group.scale for group in groups_of(settings)] == [(0.5, 2)] * 3 + [(1, 1)]

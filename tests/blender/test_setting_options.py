@@ -38,10 +38,10 @@ def test_options_set_the_settings_that_they_are(settings):
 def test_what_no_option_gives_stays(settings):
     settings.width = 200
     settings.animated_prototypes = True
-    settings.choice = "BY_RATIO"
+    settings.choice = "BY_DISTANCE"
     for command in ("verify", "export", "preview", "plan"):
         apply(settings, command, "x")
-    assert (settings.width, settings.choice) == (200, "BY_RATIO")
+    assert (settings.width, settings.choice) == (200, "BY_DISTANCE")
     assert settings.animated_prototypes
 
 

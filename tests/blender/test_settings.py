@@ -153,7 +153,7 @@ def test_thresholds_of_a_group_s_own_reach_the_frame_and_outlive_populate(scene)
     bpy.ops.crowd_lod.populate()
     settings = scene.crowd_lod
     before = frame_now(scene, bpy.context.evaluated_depsgraph_get())
-    settings.groups[1].own_thresholds = True
+    settings.groups[1].use_custom_thresholds = True
     settings.groups[1].thresholds[:2] = (0.01, 0.02)
     assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
     policy = scene_crowd.policy_of(settings)

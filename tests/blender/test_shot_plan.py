@@ -318,7 +318,7 @@ def test_no_frames_is_an_error(zoomed):
 @pytest.mark.once
 def test_lods_of_other_settings_are_named(scene, tmp_path):
     settings = scene.crowd_lod
-    settings.choice = "BY_RATIO"
+    settings.choice = "BY_DISTANCE"
     settings.level_count = 2
     bpy.ops.crowd_lod.populate()
     bpy.ops.crowd_lod.make_levels()

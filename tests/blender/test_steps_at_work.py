@@ -34,7 +34,7 @@ class Press(Stepwise):
 def _prepare(scene):
     settings = scene.crowd_lod
     settings.count = 20
-    settings.choice = "BY_RATIO"
+    settings.choice = "BY_DISTANCE"
     settings.level_count = 2
     scene.frame_end = 3
     scene.render.resolution_percentage = 10

@@ -160,7 +160,7 @@ def test_a_rod_of_few_triangles_keeps_those_that_it_shows_with(scene, adult):
         bpy.data.collections["adult"].objects.link(item)
         bpy.data.collections["People"].children.unlink(bpy.data.collections["child"])
         settings = scene.crowd_lod
-        settings.choice = "BY_RATIO"
+        settings.choice = "BY_DISTANCE"
         settings.level_count = 3
         settings.ratios[:3] = (1.0, 0.12, 0.03)
         store_groups(settings, measure_groups(scene))

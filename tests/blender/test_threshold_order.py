@@ -23,7 +23,7 @@ def settings():
     scene.crowd_lod.estimate = "old"
     group = scene.crowd_lod.groups.add()
     group.name = "someone"
-    group.own_thresholds = True
+    group.use_custom_thresholds = True
     return scene.crowd_lod
 
 

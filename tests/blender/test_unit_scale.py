@@ -71,7 +71,7 @@ def make_scaled(scale):
     settings.characters = characters
     settings.forward = "X"
     settings.count = 60
-    settings.choice = "BY_RATIO"
+    settings.choice = "BY_DISTANCE"
     settings.thresholds[:2] = (0.2, 0.5)
     bpy.context.view_layer.update()
     assert bpy.ops.crowd_lod.populate() == {"FINISHED"}

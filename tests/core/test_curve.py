@@ -148,7 +148,7 @@ def test_shots_with_nothing_to_choose_have_a_curve(more):
         }
 
 
-def test_by_ratio_there_is_no_hysteresis_and_no_point_comes_twice():
+def test_by_distance_there_is_no_hysteresis_and_no_point_comes_twice():
     shot, plan = planned()
     curve = finished(curve_of(shot, plan, None))
     assert [point.tolerance for point in of_kind(curve, "tolerance")] == list(TOLERANCES)

@@ -282,7 +282,7 @@ def test_what_no_frame_shows_is_not_needed():
     ]
 
 
-def test_by_ratio_hysteresis_is_not_told():
+def test_by_distance_hysteresis_is_not_told():
     data = some_report()
     curve = finished(curve_of(data.shot, data.plan, None))
     assert "diamonds" in shot_page(data) and "ysteresis" not in shot_page(

@@ -116,7 +116,7 @@ def change(chance: random.Random) -> None:
     elif which == 1:
         settings.count = chance.randint(10, 200)
     elif which == 2:
-        settings.choice = chance.choice(("BY_RATIO", "BY_TOLERANCE"))
+        settings.choice = chance.choice(("BY_DISTANCE", "BY_TOLERANCE"))
     elif which == 3:
         bpy.context.scene.render.use_motion_blur = chance.random() < 0.5
 

@@ -221,7 +221,7 @@ def test_a_preview_is_drawn_by_the_overlay(tmp_path, capfd):
     settings = bpy.context.scene.crowd_lod
     coarsen(settings)
     # the quickest
-    settings.choice = "BY_RATIO"
+    settings.choice = "BY_DISTANCE"
     for name in ("child", "heavy"):
         settings.characters.children.unlink(settings.characters.children[name])
     list(make_levels(bpy.context.scene))

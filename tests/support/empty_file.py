@@ -13,4 +13,4 @@ def open_empty_file() -> None:
     bpy.ops.wm.read_homefile(use_empty=True)
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     settings = bpy.context.scene.crowd_lod
-    settings.choice = "BY_RATIO"
+    settings.choice = "BY_DISTANCE"

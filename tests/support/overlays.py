@@ -65,7 +65,7 @@ def planned(shift=(0.0, 0.0, 0.0)):
 def populated(count, **heights):
     """A scene of `count` agents before a camera; the characters are tetrahedra, heights by name."""
     scene = bpy.data.scenes.new("overlay")
-    scene.crowd_lod.choice = "BY_RATIO"
+    scene.crowd_lod.choice = "BY_DISTANCE"
     characters = bpy.data.collections.new("characters")
     scene.collection.children.link(characters)
     for name, height in heights.items():

@@ -207,7 +207,7 @@ def local_view():
 
 def build():
     """Characters are drawn only where the build does not show."""
-    settings().choice = "BY_RATIO"
+    settings().choice = "BY_DISTANCE"
     settings().level_count = 2
     yield from robot.press("crowd_lod.make_levels")
     yield from robot.press("crowd_lod.build")

@@ -37,7 +37,7 @@ def saved(path: str, folder: str):
     yield from robot.sample("plaza")
     settings = robot.settings()
     settings.count = AGENTS
-    settings.choice = "BY_RATIO"
+    settings.choice = "BY_DISTANCE"
     settings.level_count = 2
     settings.agent = 7
     for group in settings.characters.children[2:]:

@@ -62,7 +62,7 @@ def test_a_lod_that_shades_differently_begins_farther_off(striped):
     settings = striped.crowd_lod
     before = thresholds(striped)
     assert len(before) >= 1
-    settings.shading_counts = True
+    settings.match_shading = True
     with pytest.raises(CrowdError, match="press Make LOD Meshes"):
         thresholds(striped)
     list(measure_levels(striped))
@@ -78,7 +78,7 @@ def test_a_lod_that_shades_differently_begins_farther_off(striped):
         camera.pixels_per_unit * group.shaded[1] + group.radius
     )
     assert thresholds(striped)[0] > 2 * before[0]
-    settings.shading_counts = False
+    settings.match_shading = False
     np.testing.assert_array_equal(thresholds(striped), before)
 
 
@@ -86,7 +86,7 @@ def test_a_lod_that_shades_differently_begins_farther_off(striped):
 def test_pictures_are_compared_when_lods_are_made_and_remembered(striped):
     settings = striped.crowd_lod
     assert groups_of(settings)[0].shaded == ()
-    settings.shading_counts = True
+    settings.match_shading = True
     assert finished(make_levels(striped)).new == ("someone",)
     (group,) = groups_of(settings)
     assert len(group.shaded) == len(group.bounds)
