@@ -146,7 +146,7 @@ MALFORMED = {
     "bad color": (table(labels={"a": {"color": "red"}}), "labels.a.color is 'red'"),
     "nowhere to start": (
         table(labels={"a": {"color": "#000000", "spawn": False}}, states={"w": WALK}),
-        "may start",
+        "may spawn",
     ),
     "missing label": (
         table(states={"w": {"on": {"ground": {}}}}),
