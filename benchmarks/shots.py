@@ -20,8 +20,7 @@ from pathlib import Path
 import numpy as np
 from crowd_lod_extension.crowd_lod.animation.phase_classes import Gaits, Library
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
-from crowd_lod_extension.crowd_lod.crowd.agents import Group, populate
-from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
+from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, window
 from crowd_lod_extension.crowd_lod.frame.frame import plan
@@ -32,8 +31,8 @@ from crowd_lod_extension.crowd_lod.levels.assignment import (
     limits,
 )
 from crowd_lod_extension.crowd_lod.levels.cost_model import default_costs
+from crowd_lod_extension.crowd_lod.output import files, tables
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.crowd_lod.reporting import files, tables
 from crowd_lod_extension.crowd_lod.shot.coloring import plan_phases
 from crowd_lod_extension.crowd_lod.shot.meetings import strides_of
 from crowd_lod_extension.crowd_lod.shot.phases import recast
@@ -41,6 +40,8 @@ from crowd_lod_extension.crowd_lod.shot.recording import Recorder, begin_recordi
 from crowd_lod_extension.crowd_lod.shot.shot import decide
 from crowd_lod_extension.crowd_lod.shot.shot_cost import Bill, Shot, meshes_of
 from crowd_lod_extension.crowd_lod.shot.survey import SEEN, Survey
+from crowd_lod_extension.crowd_lod.world.first_frame import populate
+from crowd_lod_extension.crowd_lod.world.maps import Area, edge_map
 from crowd_lod_extension.sample_scenes import plaza, plaza_map
 from jobs import job, peak_mb
 from worth import LIMIT, PICTURE

@@ -9,10 +9,10 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.crowd.agents import Action, Group
-from ...crowd_lod.crowd.maps import FARTHEST
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import number
 from ...crowd_lod.progress import Workload, finished, run_in_thread
+from ...crowd_lod.world.maps import FARTHEST
 from ..blender import scene_data, stored_values
 from ..blender.named_actions import performance_of
 from ..blender.performance import Part, Performance

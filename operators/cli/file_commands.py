@@ -12,8 +12,8 @@ from ... import sample_scenes
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
 from ...crowd_lod.frame.frame_range import parse_frames
+from ...crowd_lod.output import files, tables
 from ...crowd_lod.progress import Workload
-from ...crowd_lod.reporting import files, tables
 from ..blender import console, frame_stepping
 from ..blender.output_folders import output_file
 from ..render_setup import bake, render_setup, view_layers

@@ -8,7 +8,7 @@ from ...crowd_lod.crowd import machine_edits as edits
 from ...crowd_lod.crowd.state_machine import parse
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
-from ...crowd_lod.reporting import files
+from ...crowd_lod.output import files
 from ..blender.labeled_properties import BoolProperty, EnumProperty, IntProperty, StringProperty
 from ..blender.operator import Reporting
 from .machine_editor import cell_of, change, draft_of, missing_text, selected_name

@@ -11,9 +11,9 @@ from contextlib import suppress
 import bpy
 import numpy as np
 
-from ...crowd_lod.crowd.maps import FARTHEST
-from ...crowd_lod.crowd.rasterize import cover_cells
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.world.maps import FARTHEST
+from ...crowd_lod.world.rasterize import cover_cells
 from ..blender import image_data, kept_meshes, provenance, removal, scene_cache, scene_data
 from ..blender.guard import guard, handler
 from .scene_world import MADE_FOR, area_of, areas_hold, areas_inputs, machine_of

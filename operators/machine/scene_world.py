@@ -6,17 +6,10 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.crowd import state_machine as machines
-from ...crowd_lod.crowd.height_map import HeightMap
-from ...crowd_lod.crowd.maps import (
-    FARTHEST,
-    Area,
-    LabelMap,
-    edge_map,
-    labels_from_colors,
-    lay_over,
-)
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.levels.assignment import Bias
+from ...crowd_lod.world.height_map import HeightMap
+from ...crowd_lod.world.maps import FARTHEST, Area, LabelMap, edge_map, labels_from_colors, lay_over
 from ..blender import image_data, provenance, scene_data, stored_values
 from ..blender.props import group_of
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...crowd_lod.crowd.maps import Area
+from ...crowd_lod.world.maps import Area
 from .agent_colors import Colors
 from .draw_data import CULLED, FRUSTUM, Drawing
 from .gpu_batches import Batches

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame import Frame
-from ...crowd_lod.reporting.png_file import save_png
+from ...crowd_lod.output.png_file import save_png
 from ..blender import console
 from ..blender.color_space import to_linear
 from ..scene.scene_crowd import SceneCrowd

@@ -12,8 +12,8 @@ import numpy as np
 from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import HIDDEN, note_of
+from ...crowd_lod.output.png_file import save_png
 from ...crowd_lod.progress import Workload, run_in_thread
-from ...crowd_lod.reporting.png_file import save_png
 from ...crowd_lod.validation import image_difference
 from ...crowd_lod.validation.judged_agents import JudgedAgent, choose_agents
 from ...crowd_lod.validation.render_proof import agents_row

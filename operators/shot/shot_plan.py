@@ -13,11 +13,11 @@ from ...crowd_lod.format import counted, number, printable
 from ...crowd_lod.frame.planned import PINNED, camera_of
 from ...crowd_lod.levels.assignment import deviations
 from ...crowd_lod.levels.budget_fit import Budget
+from ...crowd_lod.output import files, tables
+from ...crowd_lod.output.shot_json import shot_facts
+from ...crowd_lod.output.shot_page import shot_page
+from ...crowd_lod.output.shot_report import ShotReport
 from ...crowd_lod.progress import Workload, run_in_thread, run_steps_in_thread
-from ...crowd_lod.reporting import files, tables
-from ...crowd_lod.reporting.shot_json import shot_facts
-from ...crowd_lod.reporting.shot_page import shot_page
-from ...crowd_lod.reporting.shot_report import ShotReport
 from ...crowd_lod.shot import plan_file
 from ...crowd_lod.shot.budget import BudgetPlan, decide_within
 from ...crowd_lod.shot.budget_points import BudgetPoint, budget_sentence, find_points, fitting_point

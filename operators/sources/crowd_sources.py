@@ -8,12 +8,9 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.behavior.walk import Walk
-from ...crowd_lod.crowd import start_places
-from ...crowd_lod.crowd.agents import Crowd, Draw, Group, populate
+from ...crowd_lod.crowd.agents import Crowd, Draw, Group
 from ...crowd_lod.crowd.bounding_spheres import cover_sizes, cover_wardrobes
-from ...crowd_lod.crowd.maps import LabelMap
 from ...crowd_lod.crowd.state_machine import StateMachine
-from ...crowd_lod.crowd.terrain import Ground, Terrain
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.messages import Message, MessageKind
 from ...crowd_lod.progress import Workload, run_in_thread
@@ -22,6 +19,10 @@ from ...crowd_lod.sources.recorded import Recorded
 from ...crowd_lod.sources.several import Several
 from ...crowd_lod.sources.trajectory import Trajectory
 from ...crowd_lod.tracks.cast import groups_of_agents
+from ...crowd_lod.world import start_places
+from ...crowd_lod.world.first_frame import populate
+from ...crowd_lod.world.maps import LabelMap
+from ...crowd_lod.world.terrain import Ground, Terrain
 from ..blender import image_data, scene_cache, scene_data, stored_values
 from ..machine import terrain_source
 from ..machine.scene_world import area_of, heights_of, machine_of, names_in, world_of

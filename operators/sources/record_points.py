@@ -13,8 +13,8 @@ import numpy as np
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
+from ...crowd_lod.output import files
 from ...crowd_lod.progress import Made, Workload
-from ...crowd_lod.reporting import files
 from ...crowd_lod.sources.points import Snapshot
 from ...crowd_lod.tracks import npz
 from ...crowd_lod.tracks.rows import MOST_ROWS, Rows

@@ -22,8 +22,8 @@ from ...crowd_lod.frame.instances import (
     rotations_of,
 )
 from ...crowd_lod.frame.planned import note_of, unplanned_notes
+from ...crowd_lod.output import files
 from ...crowd_lod.progress import Workload
-from ...crowd_lod.reporting import files
 from ..blender import frame_stepping, scene_data
 from ..characters.cast_provenance import reading
 from ..lod_meshes.costs import lacking_seconds

@@ -41,6 +41,7 @@ FLOORS = {
         *(
             "",
             "crowd",
+            "world",
             "animation",
             "tracks",
             "sources",
@@ -49,7 +50,7 @@ FLOORS = {
             "levels",
             "sorting",
         ),
-        *("simplification", "frame", "shot", "validation", "reporting"),
+        *("simplification", "frame", "shot", "validation", "output"),
     ),
     "operators": (
         *(

@@ -5,11 +5,12 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.animation.phase_classes import Library
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
-from crowd_lod_extension.crowd_lod.crowd.agents import Action, Group, populate
-from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
+from crowd_lod_extension.crowd_lod.crowd.agents import Action, Group
 from crowd_lod_extension.crowd_lod.crowd.paces import MOST_PACES
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.world.first_frame import populate
+from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap
 
 from ..support.crowds import crowd_at, walker
 from ..support.machines import machine_of

@@ -8,10 +8,10 @@ from html import unescape
 
 import numpy as np
 import pytest
+from crowd_lod_extension.crowd_lod.output.shot_page import shot_page
+from crowd_lod_extension.crowd_lod.output.shot_report import ShotReport
+from crowd_lod_extension.crowd_lod.output.svg_plots import across
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.crowd_lod.reporting.shot_page import shot_page
-from crowd_lod_extension.crowd_lod.reporting.shot_report import ShotReport
-from crowd_lod_extension.crowd_lod.reporting.svg_plots import across
 from crowd_lod_extension.crowd_lod.shot.coloring import PhasePlan
 from crowd_lod_extension.crowd_lod.shot.curve import curve_of
 from crowd_lod_extension.crowd_lod.shot.phases import Phases

@@ -12,7 +12,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.frame.planned import LEVEL
 from crowd_lod_extension.crowd_lod.levels.assignment import MOST_LEVELS
-from crowd_lod_extension.crowd_lod.reporting.frame_parts import FrameParts, keep_whole
+from crowd_lod_extension.crowd_lod.output.frame_parts import FrameParts, keep_whole
 from crowd_lod_extension.crowd_lod.shot import plan_file
 from crowd_lod_extension.operators.cli import farm, shared_runs
 from crowd_lod_extension.operators.cli.arguments import parser

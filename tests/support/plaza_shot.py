@@ -3,12 +3,13 @@
 import numpy as np
 from crowd_lod_extension.crowd_lod.animation.phase_classes import Library
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
-from crowd_lod_extension.crowd_lod.crowd.agents import Group, populate
+from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, window
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 from crowd_lod_extension.crowd_lod.shot.recording import Recorder, begin_recording
+from crowd_lod_extension.crowd_lod.world.first_frame import populate
 from crowd_lod_extension.sample_scenes import plaza_map
 
 GROUPS = tuple(
