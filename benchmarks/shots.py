@@ -18,7 +18,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from crowd_lod_extension.crowd_lod.animation.phase_classes import Gaits, Library
+from crowd_lod_extension.crowd_lod.animation.phase_classes import Cast, Gaits
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
@@ -151,14 +151,14 @@ def surveyed(
     trajectory: Walk, camera: Callable[[float], Camera], frames: int
 ) -> tuple[Survey, list[Camera]]:
     """Run through the shot: (its survey, its cameras)."""
-    library = Library(np.zeros(len(GROUPS), np.intp))
+    cast = Cast(np.zeros(len(GROUPS), np.intp))
     recording = begin_recording(
         range(1, frames + 1),
         range(1, frames + 1),
         trajectory.start.group,
-        library.first(trajectory.gaits),
-        library,
-        library.roles(trajectory.gaits),
+        cast.first(trajectory.gaits),
+        cast,
+        cast.roles(trajectory.gaits),
     )
     films = [camera(f / max(frames - 1, 1)) for f in range(frames)]
     before = None

@@ -41,7 +41,7 @@ from crowd_lod_extension.operators.render_setup import (
     render_setup,
 )
 from crowd_lod_extension.operators.render_setup.hidden_characters import hide_characters
-from crowd_lod_extension.operators.render_setup.shelves import LIBRARY, RIGS
+from crowd_lod_extension.operators.render_setup.shelves import RIGS, SHELF
 from crowd_lod_extension.operators.scene.frame_plan import frame_of, moment_now
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 from crowd_lod_extension.operators.settings.cost_table import FULL, Case
@@ -187,7 +187,7 @@ def counted(top: bpy.types.Collection) -> dict[str, int]:
     See crowd_lod/levels/cost_model.py.
     """
     (points,) = buckets.points_of(top).values()
-    shelf = next(child for child in top.children_recursive if child.get(LIBRARY, -1) == 0)
+    shelf = next(child for child in top.children_recursive if child.get(SHELF, -1) == 0)
     homes = sorted(shelf.children, key=lambda home: home.name)
     triangles = np.array(
         [sum(mesh_data.count_triangles(item.data) for item in home.objects) for home in homes]
@@ -251,7 +251,7 @@ def dress_scene(scene: bpy.types.Scene, way: str) -> None:
     top = settings.build
     points = buckets.points_of(top)
     rows = {bucket: [] for bucket in points}
-    library = render_setup.library_of(top, trajectory)
+    cast = render_setup.cast_of(top, trajectory)
     for number in FRAMES:
         scene.frame_set(number)
         frame = frame_of(crowd, moment_now(scene, scene.view_layers[0].depsgraph))
@@ -265,7 +265,7 @@ def dress_scene(scene: bpy.types.Scene, way: str) -> None:
             )
             if is_used:
                 rows[bucket].append(
-                    bake.columns_in_time(trajectory, crowd_now, number, agents, library)
+                    bake.columns_in_time(trajectory, crowd_now, number, agents, cast)
                 )
     bake.mark(scene, FRAMES)
     render_setup.dress_all(scene)

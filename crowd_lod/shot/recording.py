@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..animation.phase_classes import Library, Roles
+from ..animation.phase_classes import Cast, Roles
 from ..culling.radar import RadarOptions, radar
 from ..errors import CrowdError
 from ..frame.frame import Frame
@@ -59,7 +59,7 @@ class Recording:
     tolerance: pixels, by which a LOD may deviate besides as many as its agent is blurred wide; None
         where LODs are chosen otherwise.
     bounds: (G, K) meters, of the LODs, with a tolerance.
-    library: the characters that agents show.
+    cast: the characters that agents show.
     meters: that a unit of the frames' crowd is.
     records: of the frames so far.
     The other fields are those of Survey.
@@ -69,7 +69,7 @@ class Recording:
     times: np.ndarray
     group: np.ndarray
     owner: np.ndarray
-    library: Library
+    cast: Cast
     roles: Roles | None = None
     meters: float = 1.0
     tolerance: float | None = None
@@ -139,13 +139,13 @@ def begin_recording(
     times: Sequence[float],
     group: np.ndarray,
     first: np.ndarray,
-    library: Library,
+    cast: Cast,
     roles: Roles | None = None,
 ) -> Recording:
     """Return a recording of these frames, without any yet.
 
     group: (n,) uint8, of each agent.
-    first: (G + 1,) intp, the first character of each group, and the total (Library.first).
+    first: (G + 1,) intp, the first character of each group, and the total (Cast.first).
     CrowdError if there are no frames, or more than memory is likely to hold.
     """
     frames = len(numbers)
@@ -168,7 +168,7 @@ def begin_recording(
         times=np.array(times, np.float64),
         group=np.asarray(group, np.uint8),
         owner=np.repeat(np.arange(len(first) - 1, dtype=np.uint8), np.diff(first)),
-        library=library,
+        cast=cast,
         roles=roles,
     )
 
@@ -246,7 +246,7 @@ def _record(
     coarsest = levels[agents]
     gaits = frame.trajectory.gaits
     seconds = frame.trajectory.seconds(frame.time)
-    character = recording.library.character_of(gaits, frame.crowd, seconds, agents)
+    character = recording.cast.character_of(gaits, frame.crowd, seconds, agents)
     is_seen = present_kinds == SEEN
     seen_agents = agents[is_seen]
     scale = np.zeros(len(agents), np.float16)

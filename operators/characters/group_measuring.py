@@ -56,9 +56,9 @@ def measuring_groups(
     with suppress(CrowdError):  # what is spoilt is measured anew
         earlier = {group.name: group for group in groups_of(scene.crowd_lod)}
     groups: dict[str, Group] = {}
-    cast = all_characters(scene)
-    work = Workload(len(cast))
-    for character in cast:
+    members = all_characters(scene)
+    work = Workload(len(members))
+    for character in members:
         base = groups.get(character.variant_of)
         measuring = _measuring_group(scene, character, base, reaches.get(character.name))
         group = yield from work.take(measuring, 1)

@@ -14,7 +14,7 @@ from ..blender import provenance, scene_cache, scene_data
 from ..blender.provenance import text_digest
 from ..blender.sidebar_answers import hold, keep_at_work
 from ..blender.stored_values import contents_of
-from ..characters.cast_provenance import CHARACTER, MOTION, is_known
+from ..characters.character_provenance import CHARACTER, MOTION, is_known
 from ..scene.scene_crowd import read_crowd
 from ..scene.shot_reference import CAMERA, reference, stored_plan
 from ..settings.budgets import NO_BUDGET, holds_anyway

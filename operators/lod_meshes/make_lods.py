@@ -16,7 +16,7 @@ from ..blender import removal, scene_data
 from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED, remove_owned
 from ..blender.removal import blocks_now, made_since
-from ..characters.cast_provenance import reading_afresh
+from ..characters.character_provenance import reading_afresh
 from ..characters.characters import GROUP, Character, all_characters
 from ..characters.group_measuring import measuring_groups, stands
 from ..characters.stored_groups import store_groups

@@ -77,10 +77,10 @@ def views(crowd: SceneCrowd) -> Generator[float, None, list[GroupShot]]:
         for name in ("center", "radius")
     )
     gaits = trajectory.gaits
-    library = crowd.library
-    cast = yield from work.take(holdings_of(crowd.characters, trajectory, library))
-    first = library.first(gaits)
-    moving = library.owner(gaits)[np.unique(cast.moved_as)]
+    cast = crowd.cast
+    holdings = yield from work.take(holdings_of(crowd.characters, trajectory, cast))
+    first = cast.first(gaits)
+    moving = cast.owner(gaits)[np.unique(holdings.moved_as)]
     # the part of a group's characters with rigs: those that move parts count where they are made
     rigged = np.bincount(moving, minlength=len(first) - 1) / np.diff(first)
     views_of = [[] for _ in trajectory.groups]
@@ -95,7 +95,7 @@ def views(crowd: SceneCrowd) -> Generator[float, None, list[GroupShot]]:
             if len(agents):
                 away = distance[agents]
                 seconds = trajectory.seconds(frame)
-                pose = library.character_of(gaits, agents_then, seconds, agents) - first[g]
+                pose = cast.character_of(gaits, agents_then, seconds, agents) - first[g]
                 nearest = float(away.min())
                 lods = np.stack([finest[agents], coarsest[agents]], axis=1).astype(np.intp)
                 view = View(eyes[0], nearest, float(away.max()), away, pose, 1, frame, lods)
@@ -109,7 +109,7 @@ def views(crowd: SceneCrowd) -> Generator[float, None, list[GroupShot]]:
             int(pose_count),
             costs,
             settings.shading_counts,
-            cast.of_group(g, part),
+            holdings.of_group(g, part),
         )
         for g, (group_views, pose_count, part) in enumerate(
             zip(views_of, np.diff(first), rigged, strict=True)

@@ -24,7 +24,7 @@ WIDEST = 16384  # texels, of a texture on every GPU
 MOST_SKINNED = 32e6  # bytes of a LOD's skinned frames
 
 
-class Cast:
+class GpuBodies:
     """The characters on the GPU: everything that stays the same from frame to frame.
 
     characters: one per group, or () to draw boxes.
@@ -71,18 +71,20 @@ class Cast:
 class Batches:
     """A Drawing uploaded to the GPU."""
 
-    def __init__(self, drawing: Drawing, cast: Cast | None = None, before: "Batches | None" = None):
+    def __init__(
+        self, drawing: Drawing, bodies: GpuBodies | None = None, before: "Batches | None" = None
+    ):
         """Upload the Drawing `drawing`.
 
-        cast: the characters or boxes to instance; None draws points and lines alone.
+        bodies: the characters or boxes to instance; None draws points and lines alone.
         before: an earlier Batches; every texture or batch whose arrays are equal is reused from it.
         """
         from gpu.types import Buffer, GPUUniformBuf
 
         self.origin = drawing.origin
         self.diameter = drawing.diameter
-        self.cast = cast
-        self.draws = drawing.draws if cast is not None else ()
+        self.bodies = bodies
+        self.draws = drawing.draws if bodies is not None else ()
         self.materials = drawing.materials
         self.plays = drawing.plays or ("",) * len(drawing.draws)
         self._uploads: dict[str, tuple] = {}

@@ -30,7 +30,7 @@ from ...crowd_lod.levels.cost_model import (
 from ...crowd_lod.progress import Workload, run_in_thread
 from ..blender import frame_stepping, scene_data
 from ..blender.materials import images_of
-from ..characters.cast_provenance import reading
+from ..characters.character_provenance import reading
 from ..characters.holdings import holdings_of
 from ..characters.stored_groups import groups_of
 from ..lod_meshes.selection import MOST_FRAMES
@@ -195,10 +195,10 @@ def estimate(
     settings = crowd.settings
     choices = choices_of(settings)
     check_levels(crowd)
-    library = crowd.library
-    owner = library.owner(trajectory.gaits)
+    cast = crowd.cast
+    owner = cast.owner(trajectory.gaits)
     whole = Workload(1)
-    cast = yield from whole.take(holdings_of(crowd.characters, trajectory, library))
+    holdings = yield from whole.take(holdings_of(crowd.characters, trajectory, cast))
     views = yield from whole.take(_look_at(crowd, choices, looked_at), 1)
     of_plan = yield from whole.take(meshes_of_plan(crowd))
     works = {}
@@ -207,15 +207,15 @@ def estimate(
         actors = Actors(
             choice.triangles,
             owner,
-            cast.groups,
+            holdings.groups,
             stored_triangles(choice.triangles),
             finest=np.array(choice.policy.finest or [0] * len(trajectory.groups)),
-            moved_as=cast.moved_as,
+            moved_as=holdings.moved_as,
             held=of_plan if key == settings.choice else None,
         )
         agents_shown = views.agents_shown[key]
         used = agents_shown.any(axis=(0, 1))
-        in_bake = replace(actors, holdings=cast.baked(frames, trajectory, library, used))
+        in_bake = replace(actors, holdings=holdings.baked(frames, trajectory, cast, used))
         cases = [Case(key, known)]
         if key == settings.choice and not known:
             cases.append(Case(key, True))
@@ -307,12 +307,12 @@ def _count_shown(frame: Frame, crowd: SceneCrowd, count: int) -> np.ndarray:
     count: the number K of LODs.
     """
     trajectory = crowd.trajectory
-    size = int(crowd.library.first(trajectory.gaits)[-1])
+    size = int(crowd.cast.first(trajectory.gaits)[-1])
     counts = np.zeros((count, size), np.int64)
     for bucket, agents in members(frame).items():
         if len(agents):
             seconds = trajectory.seconds(frame.time)
-            numbers = crowd.library.character_of(trajectory.gaits, frame.crowd, seconds, agents)
+            numbers = crowd.cast.character_of(trajectory.gaits, frame.crowd, seconds, agents)
             counts[bucket.level] += np.bincount(numbers, minlength=size)
     return counts
 

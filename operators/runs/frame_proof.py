@@ -18,7 +18,7 @@ from ...crowd_lod.validation import image_difference
 from ...crowd_lod.validation.judged_agents import JudgedAgent, choose_agents
 from ...crowd_lod.validation.render_proof import agents_row
 from ..blender import frame_stepping, mesh_data, scene_data
-from ..characters.cast_provenance import reading
+from ..characters.character_provenance import reading
 from ..render_setup import bake, frame_update, render_setup
 from ..render_setup.buckets import Bucket, BucketKind, points_of
 from ..scene import lights

@@ -29,7 +29,7 @@ from ...crowd_lod.shot.frame_errors import worst_error
 from ..blender import cameras, frame_stepping, image_data, removal, scene_data
 from ..blender.operator import Stepwise
 from ..blender.output_folders import output_folder, place_of
-from ..characters.cast_provenance import reading
+from ..characters.character_provenance import reading
 from ..characters.group_measuring import measuring_groups
 from ..characters.stored_groups import groups_of, store_groups
 from ..freshness.artifacts import to_make_again

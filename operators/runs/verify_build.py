@@ -12,7 +12,7 @@ from ...crowd_lod.frame.frame_range import frames_are, shot_frames
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import mesh_data
 from ..blender.provenance import read_inputs
-from ..characters.cast_provenance import reading_afresh
+from ..characters.character_provenance import reading_afresh
 from ..freshness import artifacts
 from ..freshness.bake_frames import (
     CAMERAS,
@@ -98,9 +98,9 @@ def columns_of_members(
     """
     points = points_of(top)
     nobody = np.empty(0, np.intp)
-    library = render_setup.library_of(top, trajectory)
+    cast = render_setup.cast_of(top, trajectory)
     return {
-        bucket: bake.columns_in_time(trajectory, poses, number, shown.get(bucket, nobody), library)
+        bucket: bake.columns_in_time(trajectory, poses, number, shown.get(bucket, nobody), cast)
         for bucket in points
     }
 

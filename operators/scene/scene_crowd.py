@@ -7,7 +7,7 @@ from functools import cached_property
 import bpy
 import numpy as np
 
-from ...crowd_lod.animation.phase_classes import Library
+from ...crowd_lod.animation.phase_classes import Cast
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.levels.assignment import Bias, LevelPolicy
@@ -47,8 +47,8 @@ class SceneCrowd:
         return characters_of(self.scene)
 
     @cached_property
-    def library(self) -> Library:
-        """The Library that a build makes of the characters.
+    def cast(self) -> Cast:
+        """The Cast that a build makes of the characters.
 
         A group that plays nothing but an action of one frame has one pose. For every other group,
         rigs are assumed to be able to show its motion. CrowdError if the characters are others
@@ -59,7 +59,7 @@ class SceneCrowd:
             own_performance(objects).still and not any(self.trajectory.gaits.actions)
             for _, objects, _ in self.characters
         ]
-        return Library(np.array(still, np.intp))
+        return Cast(np.array(still, np.intp))
 
     @property
     def groups_in_meters(self) -> list[Group]:

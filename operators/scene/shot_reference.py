@@ -26,7 +26,7 @@ from ..blender import scene_cache, scene_data
 from ..blender.cameras import reading_cameras
 from ..blender.output_folders import full_path
 from ..blender.provenance import differences, name_inputs, text_digest
-from ..characters.cast_provenance import cast_inputs
+from ..characters.character_provenance import character_inputs
 from ..sources import hand_edits
 from .scene_crowd import SceneCrowd
 from .scene_occluders import scenery_digest
@@ -221,7 +221,7 @@ def notes_on_shot(crowd: SceneCrowd) -> Generator[float, None, str]:
     return _not_used(stored_plan(crowd.settings), changes) if changes else ""
 
 
-def planned_cast(crowd: SceneCrowd) -> Generator[float, None, np.ndarray | None]:
+def planned_meshes(crowd: SceneCrowd) -> Generator[float, None, np.ndarray | None]:
     """Read which meshes the frames of the crowd's plan show, (K, L) bool; see plan_file.
 
     Yields the progress. Returns None without a plan that holds in all its frames.
@@ -252,7 +252,7 @@ def plan_inputs(crowd: SceneCrowd) -> dict[str, str]:
         # with the crowd's own digests these tell the edits, too
         OVERRIDES: _digest(digest_of(crowd.settings)),
     }
-    of_scene = cast_inputs(crowd.scene) | scenery_digest(crowd.scene)
+    of_scene = character_inputs(crowd.scene) | scenery_digest(crowd.scene)
     return crowd_digests(crowd.trajectory) | of_settings | of_scene
 
 

@@ -34,7 +34,7 @@ from ...crowd_lod.shot.verdict import verdict_of
 from ..blender import cameras, scene_data
 from ..blender.operator import Reporting, Stepwise
 from ..blender.output_folders import full_path, output_path, place_of
-from ..characters import cast_provenance
+from ..characters import character_provenance
 from ..characters.group_measuring import measuring_groups
 from ..characters.holdings import holdings_of
 from ..characters.stored_groups import groups_of, store_groups
@@ -111,7 +111,7 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
     making = lacking_seconds(scene)
     planning = plan_seconds(scene, request.frames)
     work = Workload(making + planning)
-    yield from work.take(cast_provenance.reading_afresh(scene))
+    yield from work.take(character_provenance.reading_afresh(scene))
     crowd = yield from work.take(ready(scene), making)
     return (yield from work.take(_plan_ready(crowd, request), planning))
 
@@ -123,7 +123,7 @@ def _plan_ready(crowd: SceneCrowd, request: PlanRequest) -> Generator[float, Non
     trajectory = crowd.trajectory
     tolerance = crowd.policy.tolerance
     exemptions = exemptions_of(crowd, request.frames)
-    yield from work.take(cast_provenance.reading(crowd.scene))
+    yield from work.take(character_provenance.reading(crowd.scene))
     made_for = shot_reference.plan_inputs(crowd) | request_parts(
         crowd.scene, request.frames, request.avoid, request.budget
     )
@@ -160,14 +160,14 @@ def _plan_ready(crowd: SceneCrowd, request: PlanRequest) -> Generator[float, Non
 
 def _shot_of(crowd: SceneCrowd, survey: Survey) -> Generator[float, None, Shot]:
     """Read the shot of the crowd that was surveyed; yields the progress, returns the Shot."""
-    cast = yield from holdings_of(crowd.characters, crowd.trajectory, crowd.library)
+    holdings = yield from holdings_of(crowd.characters, crowd.trajectory, crowd.cast)
     is_used = yield from run_in_thread(lambda: seen_characters(survey))
     return Shot(
         survey,
         meshes_of(crowd.groups_in_meters, crowd.policy.count),
         scene_data.costs_of(crowd.scene),
-        cast.baked(survey.numbers, crowd.trajectory, crowd.library, is_used),
-        cast.moved_as,
+        holdings.baked(survey.numbers, crowd.trajectory, crowd.cast, is_used),
+        holdings.moved_as,
     )
 
 

@@ -90,16 +90,16 @@ def survey_of(crowd: SceneCrowd, frames: Sequence[int]) -> Generator[float, None
 
 def _begin(crowd: SceneCrowd, frames: Sequence[int], times: Sequence[float]) -> Recording:
     trajectory = crowd.trajectory
-    library = crowd.library
+    cast = crowd.cast
     lead = leads(crowd.characters, trajectory.groups)
-    moved_as = library.moved_as(trajectory.gaits, lead)
+    moved_as = cast.moved_as(trajectory.gaits, lead)
     recording = begin_recording(
         frames,
         times,
         trajectory.start.group,
-        library.first(trajectory.gaits),
-        library,
-        library.roles(trajectory.gaits, moved_as),
+        cast.first(trajectory.gaits),
+        cast,
+        cast.roles(trajectory.gaits, moved_as),
     )
     recording.meters = scene_data.meters(crowd.scene)
     return recording

@@ -7,7 +7,7 @@ import bpy
 
 from ...crowd_lod.errors import CrowdError
 from ..blender import provenance
-from ..characters.cast_provenance import MOTION, motions
+from ..characters.character_provenance import MOTION, motions
 from ..characters.characters import all_characters
 from ..machine.terrain_source import terrain_digest
 from .crowd_sources import crowds_of

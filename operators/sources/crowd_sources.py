@@ -18,7 +18,7 @@ from ...crowd_lod.sources.dressed import Dressed
 from ...crowd_lod.sources.recorded import Recorded
 from ...crowd_lod.sources.several import Several
 from ...crowd_lod.sources.trajectory import Trajectory
-from ...crowd_lod.tracks.cast import groups_of_agents
+from ...crowd_lod.tracks.group_choice import groups_of_agents
 from ...crowd_lod.world import start_places
 from ...crowd_lod.world.first_frame import populate
 from ...crowd_lod.world.maps import LabelMap

@@ -167,11 +167,11 @@ def record_crowds(
     used: then the crowds are as before.
     """
     crowds = [crowd for crowd in crowds_of(scene.crowd_lod) if is_live(crowd)]
-    cast = all_characters(scene)
+    members = all_characters(scene)
     # of groups nothing else counts here
     groups = tuple(
         Group(member.name, 0.0, 0.0, 0.0, 0.0, variant_of=member.variant_of, slot=member.slot)
-        for member in cast
+        for member in members
     )
     ends = scene.frame_start, scene.frame_end, *frames
     since, until = (scene_data.remap(scene.render, frame) for frame in (min(ends), max(ends)))
