@@ -17,7 +17,7 @@ from crowd_lod_extension.crowd_lod.sources.trajectory import Trajectory
 from crowd_lod_extension.operators.overlay.draw_data import Style, drawing
 from crowd_lod_extension.operators.overlay.gpu_batches import Batches, GpuBodies
 from crowd_lod_extension.operators.overlay.gpu_draw import paint
-from crowd_lod_extension.operators.overlay.skinned_characters import Character
+from crowd_lod_extension.operators.overlay.skinned_characters import SkinnedCharacter
 
 SIZE = 900, 900  # the chapter's viewport
 JOINTS = 20
@@ -73,7 +73,8 @@ class Screen:
         meshes = tuple(figure(vertices, group) for vertices in group.vertices)
         images = np.empty((0, 1, 1, 4), np.uint8)
         self.bodies = GpuBodies(
-            (group,), (Character("person", joints, meshes, images, np.full(3, 0.5), 0.0, None),)
+            (group,),
+            (SkinnedCharacter("person", joints, meshes, images, np.full(3, 0.5), 0.0, None),),
         )
         self.canvas = gpu.types.GPUOffScreen(*SIZE, format="RGBA8")
 

@@ -36,7 +36,7 @@ from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.shot.coloring import plan_phases
 from crowd_lod_extension.crowd_lod.shot.meetings import strides_of
 from crowd_lod_extension.crowd_lod.shot.phases import recast
-from crowd_lod_extension.crowd_lod.shot.recording import Recorder, begin_recording
+from crowd_lod_extension.crowd_lod.shot.recording import FrameRecorder, begin_recording
 from crowd_lod_extension.crowd_lod.shot.shot import decide
 from crowd_lod_extension.crowd_lod.shot.shot_cost import Bill, Shot, meshes_of
 from crowd_lod_extension.crowd_lod.shot.survey import SEEN, Survey
@@ -162,7 +162,7 @@ def surveyed(
     )
     films = [camera(f / max(frames - 1, 1)) for f in range(frames)]
     before = None
-    with Recorder(recording) as recorder:
+    with FrameRecorder(recording) as recorder:
         for f, film in enumerate(films):
             frame = plan(trajectory, film, POLICY, f + 1)
             recorder.add(frame, before, RAYS)

@@ -36,7 +36,7 @@ class Points:
     def __call__(self, camera: Camera, frame: int) -> None:
         """The frame, from behavior to points that the dependency graph holds."""
         frame_plan = plan(self.trajectory, camera, self.policy, frame)
-        agents = frame_update.Held(frame_plan.crowd, frame)
+        agents = frame_update.OpenShutter(frame_plan.crowd, frame)
         buckets = [frame_plan.buckets[level] for level in range(len(self.objects))]
         cast = Cast(np.full(len(self.trajectory.groups), POSES))
         bucket_columns = frame_update.columns_by_bucket(

@@ -44,7 +44,7 @@ from crowd_lod_extension.operators.render_setup.hidden_characters import hide_ch
 from crowd_lod_extension.operators.render_setup.shelves import RIGS, SHELF
 from crowd_lod_extension.operators.scene.frame_plan import frame_of, moment_now
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
-from crowd_lod_extension.operators.settings.cost_table import FULL, Case
+from crowd_lod_extension.operators.settings.cost_table import FULL, BuildCase
 from jobs import answer, peak_mb
 
 NOBODY = "nobody"
@@ -170,10 +170,10 @@ def _counted(scene: bpy.types.Scene, way: str, agents: int) -> dict:
         finished(bake.bake(scene, FRAMES[:1]))
         return {
             name: float(np.sum(value))
-            for name, value in vars(works[Case("BY_RATIO", True)]).items()
+            for name, value in vars(works[BuildCase("BY_RATIO", True)]).items()
         }
     top = scene.crowd_lod.build
-    full = works[Case(FULL, True)]
+    full = works[BuildCase(FULL, True)]
     dress_scene(scene, EVERYONE)
     return counted(top) | {
         "rays": float(full.rays[0]),
@@ -256,7 +256,7 @@ def dress_scene(scene: bpy.types.Scene, way: str) -> None:
         scene.frame_set(number)
         frame = frame_of(crowd, moment_now(scene, scene.view_layers[0].depsgraph))
         agents = np.arange(len(frame.crowd))
-        crowd_now = frame_update.Held(frame.crowd, frame.time)
+        crowd_now = frame_update.OpenShutter(frame.crowd, frame.time)
         for bucket in points:
             is_used = (
                 bucket == (buckets.BucketKind.LOD, 0)

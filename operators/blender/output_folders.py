@@ -23,7 +23,7 @@ UNTITLED = "untitled"  # stands for it while the file was never saved
 
 
 @dataclass
-class _File:
+class _OpenFile:
     """The open file.
 
     number: of the file in this session; it names the temporary folder of a file without a place.
@@ -36,7 +36,7 @@ class _File:
     before: list[tuple[bpy.types.PropertyGroup, str, str]] = field(default_factory=list)
 
 
-_file = _File()
+_file = _OpenFile()
 
 
 def full_path(text: str, library: bpy.types.Library | None = None) -> Path:

@@ -15,7 +15,7 @@ from ...crowd_lod.progress import Workload, finished, run_in_thread
 from ...crowd_lod.world.maps import FARTHEST
 from ..blender import scene_data, stored_values
 from ..blender.named_actions import performance_of
-from ..blender.performance import Part, Performance
+from ..blender.performance import Performance, PlayedAction
 from ..blender.props import group_of
 from ..machine.scene_world import actions_named
 from .character_extent import (
@@ -177,7 +177,7 @@ def _acted(
     return acts
 
 
-def _action(part: Part, feet: float, fps: float, size: float, meters: float) -> Action:
+def _action(part: PlayedAction, feet: float, fps: float, size: float, meters: float) -> Action:
     """Return the Action that a group plays as `part`.
 
     feet: what the feet walk in a cycle of it; size: of the group; both in units of `meters`.

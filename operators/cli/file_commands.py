@@ -20,7 +20,7 @@ from ..render_setup import bake, render_setup, view_layers
 from ..render_setup.buckets import points_of
 from ..render_setup.buttons import check_blur, prepared
 from ..render_setup.character_images import IMAGE_BYTES
-from ..render_setup.cost_estimate import Estimate, estimate
+from ..render_setup.cost_estimate import CostEstimate, estimate
 from ..render_setup.hidden_characters import notes_on_characters
 from ..render_setup.phase_characters import BuiltCharacters
 from ..scene.plan_verdict import plan_verdict
@@ -196,7 +196,7 @@ def _frames_to_bake(args, scene: bpy.types.Scene) -> list[int] | None:
 
 def _building(
     args, crowd: SceneCrowd, frames: Sequence[int] | None
-) -> Generator[float, None, tuple[Estimate, BuiltCharacters, str]]:
+) -> Generator[float, None, tuple[CostEstimate, BuiltCharacters, str]]:
     """Build or bake: yield the progress, return (estimate, characters, sentence).
 
     The sentence says why the scene's shot plan does not hold; "" if it does.

@@ -35,7 +35,7 @@ from .level_objects import TINTS
 
 
 @dataclass(frozen=True)
-class Outcome:
+class MadeLods:
     """What make_levels did, by names of character groups.
 
     new: those whose LOD meshes it made; unchanged: those whose it kept as they were; edited: of
@@ -68,8 +68,8 @@ class Outcome:
         return " ".join(parts)
 
 
-def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
-    """Make the LOD collections of `scene`; yields the progress, 0 to 1, and returns the Outcome.
+def make_levels(scene: bpy.types.Scene) -> Generator[float, None, MadeLods]:
+    """Make the LOD collections of `scene`; yields the progress, 0 to 1, and returns what it made.
 
     The collection "Crowd LOD" holds one for each LOD, which holds one for each character group.
     Their names sort in the order of the groups. LOD 0 shares the characters' own meshes. The others
@@ -122,7 +122,7 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
     for entry, finest in zip(settings.groups, choice.finest, strict=True):
         entry.finest = finest
     yield 1.0
-    return Outcome(tuple(new), tuple(unchanged), tuple(edited), choice.budget_tolerance)
+    return MadeLods(tuple(new), tuple(unchanged), tuple(edited), choice.budget_tolerance)
 
 
 def _feet(characters: Sequence[Character], groups: Sequence[Group]) -> list[tuple]:

@@ -135,7 +135,7 @@ class Limits(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Choice:
+class LodChoice:
     """The choice of candidates. Candidates go by their number in the ladder.
 
     keep: for each group, the candidates to keep.
@@ -165,7 +165,7 @@ def choose_candidates(
     meters: float,
     measured: Sequence[Collection[int]],
     given: Sequence[Collection[int]],
-) -> Choice:
+) -> LodChoice:
     """Choose the candidates to keep.
 
     groups: character groups with values of all their candidates, measured or guessed.
@@ -190,7 +190,7 @@ def choose_candidates(
         return replace(choice, keep=keep, dropped=[{}] * len(groups), budget_tolerance=raised)
 
     @cache
-    def chosen(tolerance: float) -> Choice:
+    def chosen(tolerance: float) -> LodChoice:
         wider = replace(limits, tolerance=tolerance)
         found = _choose_by_tolerance(wider, groups, shots, meters, measured, given)
         return replace(found, tolerance=max(tolerance, found.tolerance))
@@ -216,7 +216,7 @@ def _choose_by_tolerance(
     meters: float,
     measured: Sequence[Collection[int]],
     given: Sequence[Collection[int]],
-) -> Choice:
+) -> LodChoice:
     """Choose the candidates to keep by tolerance and memory; as choose_candidates."""
     tolerance = round(limits.tolerance, 6)
     keep = []
@@ -241,5 +241,5 @@ def _choose_by_tolerance(
         finest = [
             candidates.index(counted[0]) for candidates, counted in zip(keep, built, strict=True)
         ]
-        return Choice(keep, [{}] * len(keep), finest, reached)
-    return Choice(keep, dropped, [0] * len(keep))
+        return LodChoice(keep, [{}] * len(keep), finest, reached)
+    return LodChoice(keep, dropped, [0] * len(keep))

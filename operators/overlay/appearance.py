@@ -7,10 +7,10 @@ from ..blender import scene_data
 from . import agent_colors, character_cache
 from .draw_data import Drawing, Style, drawing
 from .gpu_batches import GpuBodies
-from .skinned_characters import Character
+from .skinned_characters import SkinnedCharacter
 
 
-def style_of(scene, levels: int) -> tuple[Style, tuple[Character, ...], tuple[str, ...]]:
+def style_of(scene, levels: int) -> tuple[Style, tuple[SkinnedCharacter, ...], tuple[str, ...]]:
     """Return (style, characters, notes) of the scene.
 
     Where the characters are missing, not read yet, or do not fit, meshes become points.
@@ -51,14 +51,16 @@ def style_of(scene, levels: int) -> tuple[Style, tuple[Character, ...], tuple[st
     return points, (), baked.notes or (misfit,)
 
 
-def bodies_of(groups, style: Style, characters: tuple[Character, ...]) -> GpuBodies | None:
+def bodies_of(groups, style: Style, characters: tuple[SkinnedCharacter, ...]) -> GpuBodies | None:
     """Return the style's characters or boxes, on the GPU; None for points."""
     if style.mode == "POINTS":
         return None
     return GpuBodies(groups, characters if style.mode == "MESHES" else ())
 
 
-def colors_of(mode: str, frame: Frame, characters: tuple[Character, ...]) -> agent_colors.Colors:
+def colors_of(
+    mode: str, frame: Frame, characters: tuple[SkinnedCharacter, ...]
+) -> agent_colors.Colors:
     """Return the agents' colors; `mode` is a value of the setting overlay_color."""
     if mode == "STATE":
         return agent_colors.by_state(frame)

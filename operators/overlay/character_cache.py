@@ -24,7 +24,7 @@ from ..blender.steps import at_work
 from ..characters.character_provenance import character_inputs, is_known
 from ..characters.characters import GROUP
 from ..machine.scene_world import actions_named
-from .skinned_characters import Character, bake_character
+from .skinned_characters import SkinnedCharacter, bake_character
 
 
 @dataclass
@@ -44,8 +44,8 @@ class BakedCharacters:
     key: str
     painted: int
     looked: float
-    characters: tuple[Character, ...] = ()
-    baking: Generator[float, None, Character] | None = None
+    characters: tuple[SkinnedCharacter, ...] = ()
+    baking: Generator[float, None, SkinnedCharacter] | None = None
     work: Workload = field(default_factory=Workload)
     progress: float = 0.0
     ready: bool = False

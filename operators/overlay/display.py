@@ -69,7 +69,7 @@ class Display:
 
 
 @dataclass(frozen=True)
-class _View:
+class _ViewportState:
     """What the next frame of a viewport is made from, besides the crowd.
 
     occluders: scenery that may hide agents from the scene's camera; None hides nobody.
@@ -93,7 +93,7 @@ class _View:
     refused: tuple[LeftOut, ...] = ()
 
 
-def _view_of(context) -> _View:
+def _view_of(context) -> _ViewportState:
     scene = context.scene
     settings = scene.crowd_lod
     region = context.region.as_pointer() if settings.overlay_camera == "VIEWPORT" else None
@@ -126,7 +126,7 @@ def _view_of(context) -> _View:
         # parts that have not changed are the same occluders (blender/occluders.py)
         occluders,
     )
-    return _View(
+    return _ViewportState(
         region,
         tuple(eyes),
         policy,
@@ -199,7 +199,7 @@ def display_now(context, before: Display | None) -> Display:
         return Display(problem=str(error))
 
 
-def _plan_frame(crowd: SceneCrowd, view: _View) -> Frame:
+def _plan_frame(crowd: SceneCrowd, view: _ViewportState) -> Frame:
     use = use_of(crowd, view.time, view.eyes if view.region is None else ())
     request = Request(
         time=view.time,
@@ -215,7 +215,7 @@ def _plan_frame(crowd: SceneCrowd, view: _View) -> Frame:
 def _upload(
     display: Display,
     settings,
-    view: _View,
+    view: _ViewportState,
     with_bodies: Display | None,
     before: Display | None,
 ) -> None:

@@ -14,7 +14,7 @@ from ...crowd_lod.crowd.agents import Group
 from ..blender.color_space import to_srgb
 from . import shader_programs
 from .draw_data import Drawing
-from .skinned_characters import Character
+from .skinned_characters import SkinnedCharacter
 
 if TYPE_CHECKING:
     from gpu.types import GPUBatch, GPUTexture
@@ -30,7 +30,7 @@ class GpuBodies:
     characters: one per group, or () to draw boxes.
     """
 
-    def __init__(self, groups: tuple[Group, ...], characters: tuple[Character, ...]):
+    def __init__(self, groups: tuple[Group, ...], characters: tuple[SkinnedCharacter, ...]):
         self.characters = characters
         self.boxes = [batch_of(*_box(group)) for group in groups] if not characters else []
         self.joints = [_joint_texture(character.frames) for character in characters]

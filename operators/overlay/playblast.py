@@ -115,7 +115,9 @@ class Canvas:
         with gpu.matrix.push_pop(), gpu.matrix.push_pop_projection():
             gpu.matrix.load_matrix(Matrix())
             gpu.matrix.load_projection_matrix(to_clip)
-            hud.write([hud.Line(caption)], (0, 0, width, height), caption_size(width) / hud.LETTERS)
+            hud.write(
+                [hud.HudLine(caption)], (0, 0, width, height), caption_size(width) / hud.LETTERS
+            )
 
 
 def caption_size(width: int) -> int:

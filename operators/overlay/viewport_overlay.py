@@ -166,7 +166,7 @@ def _draw_figures(context) -> None:
     if account is not None:
         hud.ring(display.frame, account.agent, region, ui_scale)
     legend = box[0], box[3]
-    lines: tuple[hud.Line, ...] = ()
+    lines: tuple[hud.HudLine, ...] = ()
     if settings.hud:
         notes = (*display.notes, *filter(None, [steps_back(context)]))
         lines = hud.figures(display.frame, display.colors, notes, display.worst)

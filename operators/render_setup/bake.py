@@ -29,7 +29,7 @@ from ..scene.scene_crowd import SceneCrowd, read_crowd
 from ..sources.record_points import on_record
 from .baked_actions import trim_actions
 from .buckets import Bucket, buckets_of, members, points_of
-from .frame_update import Held, columns_of, held_by, opening
+from .frame_update import OpenShutter, columns_of, held_by, opening
 from .group_models import read_models
 from .hidden_characters import HIDDEN, shows_characters
 from .phase_characters import BuiltCharacters, make_characters
@@ -244,7 +244,7 @@ def _plan(
 
 
 def columns_in_time(
-    trajectory: Trajectory, shutter: Held, number: int, agents: np.ndarray, cast: Cast
+    trajectory: Trajectory, shutter: OpenShutter, number: int, agents: np.ndarray, cast: Cast
 ) -> dict[str, np.ndarray]:
     """Return the point attributes of `agents` (m,) for the group of nodes/baked.py.
 

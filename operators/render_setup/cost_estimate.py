@@ -39,7 +39,7 @@ from ..scene.frame_plan import frame_by_policy
 from ..scene.scene_crowd import SceneCrowd, home_of, policy_of, read_crowd
 from ..scene.scene_occluders import STAGE
 from ..scene.shot_reference import use_of
-from ..settings.cost_table import FULL, Case, Cost, CostTable
+from ..settings.cost_table import FULL, BuildCase, Cost, CostTable
 from ..sources.record_points import on_record
 from .buckets import members
 from .character_images import image_bytes, uses_cache
@@ -52,7 +52,7 @@ LEAST_IN_CYCLES = 10_000  # hidden agents of a frame: 17 MB and 0.1 s (docs/note
 
 
 @dataclass(frozen=True)
-class Choice:
+class LodSet:
     """LODs that a scene may have.
 
     triangles: (G, K) float64, of each group's LODs.
@@ -63,7 +63,7 @@ class Choice:
 
 
 @dataclass(frozen=True)
-class Estimate:
+class CostEstimate:
     """The work that builds give the engine, for each choice of LODs.
 
     works: of each case, in the frames `looked_at`.
@@ -76,7 +76,7 @@ class Estimate:
     refused: sentences on the scenery that hides nobody.
     """
 
-    works: dict[Case, Work]
+    works: dict[BuildCase, Work]
     costs: Costs
     frames: Sequence[int]
     looked_at: Sequence[int]
@@ -85,7 +85,7 @@ class Estimate:
     refused: tuple[str, ...] = ()
 
     @cached_property
-    def prices(self) -> dict[Case, Price]:
+    def prices(self) -> dict[BuildCase, Price]:
         """Return the cost of each case."""
         return {case: price(work, self.costs) for case, work in self.works.items()}
 
@@ -109,9 +109,9 @@ class Estimate:
             for case, cost in self.table.costs.items()
         }
 
-    def _title(self, case: Case) -> str:
+    def _title(self, case: BuildCase) -> str:
         """Return what a case is called; a bake is told from the live build of the same LODs."""
-        beside = case.is_baked and Case(case.choice) in self.works
+        beside = case.is_baked and BuildCase(case.choice) in self.works
         return f"{case.title}, Baked" if beside else case.title
 
     @property
@@ -142,7 +142,7 @@ class Estimate:
         return f"{gain}."
 
 
-def choices_of(settings) -> dict[str, Choice]:
+def choices_of(settings) -> dict[str, LodSet]:
     """Return the choices of LODs of a crowd with these settings, by keys of TITLES.
 
     They are: full detail; by distance, from the settings; and by tolerance, with the LOD meshes
@@ -156,7 +156,7 @@ def choices_of(settings) -> dict[str, Choice]:
             f"Estimate Cost."
         )
     full = np.array([counts[0] for counts in triangles_of], np.float64)[:, None]
-    choices = {FULL: Choice(LevelPolicy(()), full)}
+    choices = {FULL: LodSet(LevelPolicy(()), full)}
     for choice in ("BY_RATIO", "BY_TOLERANCE"):
         # the other's settings may be anything
         with nullcontext() if choice == settings.choice else suppress(CrowdError):
@@ -164,12 +164,12 @@ def choices_of(settings) -> dict[str, Choice]:
             if choice == settings.choice or (
                 choice == "BY_TOLERANCE" and deviations(groups, policy) is not None
             ):
-                choices[choice] = Choice(
+                choices[choice] = LodSet(
                     policy,
                     np.array([counts[: policy.count] for counts in triangles_of], np.float64),
                 )
             elif choice == "BY_RATIO":
-                choices[choice] = Choice(
+                choices[choice] = LodSet(
                     policy, full * np.round(settings.ratios[: policy.count], 6)
                 )
     return choices
@@ -178,7 +178,7 @@ def choices_of(settings) -> dict[str, Choice]:
 @on_record(lambda scene, frames=(), *_, **__: frames)
 def estimate(
     scene: bpy.types.Scene, frames: Sequence[int] = (), known: bool = False
-) -> Generator[float, None, Estimate]:
+) -> Generator[float, None, CostEstimate]:
     """Estimate what builds with each choice of LODs cost the scene's engine.
 
     frames: the frames of the shot; if empty, those that the scene renders. Up to MOST_FRAMES of
@@ -186,7 +186,7 @@ def estimate(
     known: estimate a bake of these frames. Otherwise estimate builds that may show any frame, and
         for the scene's own choice also a bake, which holds less.
 
-    Yields the progress and returns the Estimate.
+    Yields the progress and returns the CostEstimate.
     """
     frames = frames or range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
     looked_at = spread_evenly(frames, MOST_FRAMES)
@@ -216,9 +216,9 @@ def estimate(
         agents_shown = views.agents_shown[key]
         used = agents_shown.any(axis=(0, 1))
         in_bake = replace(actors, holdings=holdings.baked(frames, trajectory, cast, used))
-        cases = [Case(key, known)]
+        cases = [BuildCase(key, known)]
         if key == settings.choice and not known:
-            cases.append(Case(key, True))
+            cases.append(BuildCase(key, True))
         for case in cases:
             baked = case.is_baked
             work = work_of(in_bake if baked else actors, agents_shown, views.rays, baked)
@@ -229,7 +229,7 @@ def estimate(
                 objects = _objects_held(crowd, is_held, owner)
             works[case] = _with_images(scene, work, objects)
     hidden = views.hidden, views.hidden_agents, views.refused
-    return Estimate(works, costs, frames, looked_at, *hidden)
+    return CostEstimate(works, costs, frames, looked_at, *hidden)
 
 
 def _with_images(scene: bpy.types.Scene, work: Work, objects: Iterable[bpy.types.Object]) -> Work:
@@ -262,7 +262,7 @@ class _Seen(NamedTuple):
 
 
 def _look_at(
-    crowd: SceneCrowd, choices: dict[str, Choice], numbers: Sequence[int]
+    crowd: SceneCrowd, choices: dict[str, LodSet], numbers: Sequence[int]
 ) -> Generator[float, None, _Seen]:
     """Plan the frames of these numbers with each choice of LODs: yield the progress.
 

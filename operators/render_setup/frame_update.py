@@ -31,7 +31,7 @@ from .render_setup import MADE_FROM, cast_of, check_levels, made_from
 
 
 @dataclass(frozen=True)
-class Held:
+class OpenShutter:
     """What a frame keeps while its shutter is open: each agent's character.
 
     crowd: the crowd at the frame.
@@ -45,24 +45,24 @@ class Held:
     ends: tuple[tuple[float, Crowd], ...] = ()
 
 
-def held_by(crowd: SceneCrowd, number: float, agents: Crowd) -> Held:
+def held_by(crowd: SceneCrowd, number: float, agents: Crowd) -> OpenShutter:
     """Return what the frame `number` of the timeline holds; agents: at that frame."""
     render = crowd.scene.render
     length = render.motion_blur_shutter
     time = scene_data.remap(render, number)
     if not render.use_motion_blur or not length:
-        return Held(agents, time)
+        return OpenShutter(agents, time)
     opens = cameras.OPENS[render.motion_blur_position] * length
     parts = -opens, length - opens
     ends = [
         (part, crowd.trajectory.at(scene_data.remap(render, number + part)) if part else agents)
         for part in parts
     ]
-    return Held(agents, time, tuple(ends))
+    return OpenShutter(agents, time, tuple(ends))
 
 
 def columns_of(
-    trajectory: Trajectory, crowd: Crowd, shown_crowd: Held, agents: np.ndarray, cast: Cast
+    trajectory: Trajectory, crowd: Crowd, shown_crowd: OpenShutter, agents: np.ndarray, cast: Cast
 ) -> dict[str, np.ndarray]:
     """Return the point attributes of `agents` (m,) as they stand in `crowd`, by name.
 
@@ -74,7 +74,7 @@ def columns_of(
 def columns_by_bucket(
     trajectory: Trajectory,
     crowd: Crowd,
-    shown_crowd: Held,
+    shown_crowd: OpenShutter,
     buckets: Sequence[np.ndarray],
     cast: Cast,
 ) -> list[dict[str, np.ndarray]]:
@@ -139,7 +139,11 @@ def indices_in(columns: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def write(
-    top: bpy.types.Collection, trajectory: Trajectory, frame: Frame, shown_crowd: Held, crowd: Crowd
+    top: bpy.types.Collection,
+    trajectory: Trajectory,
+    frame: Frame,
+    shown_crowd: OpenShutter,
+    crowd: Crowd,
 ) -> None:
     """Write the agents of the frame's buckets to the points of the build `top`.
 
@@ -184,7 +188,7 @@ class Planned:
 
     trajectory: Trajectory
     frame: Frame
-    held: Held
+    held: OpenShutter
     shutter: Sequence[tuple[float, Sequence[Camera]]]
 
 

@@ -57,7 +57,7 @@ class BuiltCharacters:
 
 
 @dataclass
-class _Actors:
+class _GroupInMaking:
     """A group while its characters are made.
 
     g, name: its number and name.
@@ -189,7 +189,7 @@ def _make_characters(
         with as_rendered(item for home in homes for item in home.objects) as (stage, actors):
             performance = group_performance(trajectory.groups[g], own_objects)
             models = group_models.models[g]
-            group = _Actors(g, name, homes, stage, actors, performance, models, rig_of)
+            group = _GroupInMaking(g, name, homes, stage, actors, performance, models, rig_of)
             for number in range(first[g], first[g + 1]):
                 of_levels = sorted(of_numbers.get(number, ()))
                 place = number - int(first[g])
@@ -202,7 +202,7 @@ def _make_characters(
 
 def _make_character(
     built: BuiltCharacters,
-    group: _Actors,
+    group: _GroupInMaking,
     number: int,
     place: int,
     of_levels: list[int],
@@ -223,7 +223,7 @@ def _make_character(
 
 def _rig(
     built: BuiltCharacters,
-    group: _Actors,
+    group: _GroupInMaking,
     number: int,
     place: int,
     of_levels: list[int],
@@ -254,7 +254,7 @@ def _rig(
 
 
 def _by_level(
-    group: _Actors,
+    group: _GroupInMaking,
     of_levels: list[int],
     copied: Callable[[bpy.types.Collection], list[bpy.types.Object]],
 ) -> dict[int, list[bpy.types.Object]]:
@@ -269,7 +269,7 @@ def _by_level(
 
 def _pose(
     built: BuiltCharacters,
-    group: _Actors,
+    group: _GroupInMaking,
     number: int,
     act: Performance,
     phase: float,

@@ -157,7 +157,7 @@ class Proof:
         self,
         number: int,
         planned: Frame,
-        poses: frame_update.Held,
+        poses: frame_update.OpenShutter,
         rows: dict[Bucket, Columns],
         agents_of: dict[BucketKind, np.ndarray],
     ) -> Generator[float, None, dict[str, Any]]:
@@ -216,7 +216,11 @@ class Proof:
             mesh_data.write_points(points.data, rows[bucket])
 
     def _choose(
-        self, number: int, planned: Frame, poses: frame_update.Held, rows: dict[Bucket, Columns]
+        self,
+        number: int,
+        planned: Frame,
+        poses: frame_update.OpenShutter,
+        rows: dict[Bucket, Columns],
     ) -> tuple[list[JudgedAgent], list[tuple[Shown, Shown]]]:
         """Return the agents that are judged alone, and each at full detail and as built."""
         trajectory = planned.trajectory

@@ -51,7 +51,7 @@ class ProvedBuild:
     hidden: bool = False
 
     def rows(
-        self, trajectory: Trajectory, planned: Frame, poses: frame_update.Held, number: int
+        self, trajectory: Trajectory, planned: Frame, poses: frame_update.OpenShutter, number: int
     ) -> dict[Bucket, Columns]:
         """Return the points that each bucket shows in the frame `number`.
 
@@ -89,7 +89,7 @@ def columns_of_members(
     top: bpy.types.Collection,
     trajectory: Trajectory,
     shown: Mapping[Bucket, np.ndarray],
-    poses: frame_update.Held,
+    poses: frame_update.OpenShutter,
     number: int,
 ) -> dict[Bucket, Columns]:
     """Return the attributes of each bucket's points in a build.

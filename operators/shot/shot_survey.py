@@ -13,7 +13,7 @@ from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import numbers_of
 from ...crowd_lod.progress import Workload, run_in_thread
-from ...crowd_lod.shot.recording import Recorder, Recording, begin_recording
+from ...crowd_lod.shot.recording import FrameRecorder, SurveyRecording, begin_recording
 from ...crowd_lod.shot.shot_cost import meshes_of
 from ...crowd_lod.shot.survey import Survey
 from ..blender import cameras, frame_stepping, scene_data
@@ -59,7 +59,7 @@ def survey_of(crowd: SceneCrowd, frames: Sequence[int]) -> Generator[float, None
     before: Frame | None = None
     took = Counter()
     work = Workload((WALK + PLAN + RECORD) * len(frames))
-    with frame_stepping.step_frames(scene) as at, Recorder(recording) as recorder:
+    with frame_stepping.step_frames(scene) as at, FrameRecorder(recording) as recorder:
         for f, time in enumerate(times):
             yield from work.take(approach(crowd.trajectory, time), WALK)
             moment = lights.read_moment(scene, time, at)
@@ -88,7 +88,7 @@ def survey_of(crowd: SceneCrowd, frames: Sequence[int]) -> Generator[float, None
     return SurveyedShot(survey, np.array(views), milliseconds, moment.around.left_out)
 
 
-def _begin(crowd: SceneCrowd, frames: Sequence[int], times: Sequence[float]) -> Recording:
+def _begin(crowd: SceneCrowd, frames: Sequence[int], times: Sequence[float]) -> SurveyRecording:
     trajectory = crowd.trajectory
     cast = crowd.cast
     lead = leads(crowd.characters, trajectory.groups)

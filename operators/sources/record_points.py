@@ -42,7 +42,7 @@ RECORDED = 0.3  # part of the time of work on a record that the record takes
 
 
 @dataclass
-class _Record:
+class _PointsRecord:
     """A record of a scene's points that several tasks use, one after the other.
 
     frames: of the timeline, that the tasks need besides those of the scene.
@@ -61,7 +61,7 @@ class _Record:
         return self.of == about and all(min(ends) <= frame <= max(ends) for frame in frames)
 
 
-_shared: dict[int, _Record] = {}  # by the session_uid of its scene
+_shared: dict[int, _PointsRecord] = {}  # by the session_uid of its scene
 
 
 @contextmanager
@@ -77,7 +77,7 @@ def shared_record(scene: bpy.types.Scene, frames: Sequence[int] = ()) -> Iterato
         return
     with tempfile.TemporaryDirectory() as folder:
         uid = scene.session_uid
-        _shared[uid] = _Record(Path(folder), frames)
+        _shared[uid] = _PointsRecord(Path(folder), frames)
         try:
             yield
         finally:

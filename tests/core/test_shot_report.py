@@ -19,7 +19,7 @@ from crowd_lod_extension.crowd_lod.shot.shot import decide
 from crowd_lod_extension.crowd_lod.shot.survey import CULLED
 from crowd_lod_extension.crowd_lod.shot.switches import noticed
 from crowd_lod_extension.crowd_lod.shot.unneeded import unneeded
-from crowd_lod_extension.crowd_lod.shot.verdict import Change, Verdict
+from crowd_lod_extension.crowd_lod.shot.verdict import LargestSwitch, Verdict
 
 from ..support.pages import Reader
 from ..support.surveys import TRIANGLES, Grid, some_shot
@@ -48,7 +48,7 @@ def some_report(title="plaza", names=("adult", "child"), **more):
         shot=shot,
         plan=plan,
         noticed=found,
-        verdict=Verdict(Change(0.8, 7, 3)),
+        verdict=Verdict(LargestSwitch(0.8, 7, 3)),
         curve=curve,
         names=list(names),
         phases=phases,

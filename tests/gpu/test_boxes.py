@@ -8,7 +8,7 @@ from crowd_lod_extension.crowd_lod.animation.skinning import SkinnedMesh
 from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.operators.overlay import gpu_batches
 from crowd_lod_extension.operators.overlay.gpu_batches import GpuBodies
-from crowd_lod_extension.operators.overlay.skinned_characters import Character
+from crowd_lod_extension.operators.overlay.skinned_characters import SkinnedCharacter
 
 from .test_meshes import HEIGHT, WIDTH, hue, instances, picture, row
 
@@ -46,7 +46,7 @@ def quad_character(images, layers):
         np.tile(np.float32((1, 0, 0, 0)), (4, 1)), np.array([(0, 0), (1, 0), (1, 1), (0, 1)], np.float32),
         np.tile(np.float32((0.6, 0.3, 0.1)), (4, 1)), np.full(4, layers, np.float32),
     )  # fmt: skip
-    return Character(
+    return SkinnedCharacter(
         "quad", np.eye(4, dtype=np.float32)[None, None, :3], (mesh,), images, np.ones(3), 0.0, None
     )
 
