@@ -92,7 +92,7 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, MadeLods]:
     work = Workload(lod_seconds(scene))
     yield from work.take(reading_afresh(scene))
     measured = measured_parts(scene)
-    made_for = lod_parts(scene)
+    made_of = lod_parts(scene)
     is_done = False
     try:
         ladders, groups, shots = yield from _read_characters(scene, characters, earlier, work)
@@ -112,7 +112,7 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, MadeLods]:
         scene_data.let_go(scene, "levels")
     _show_nowhere(scene, top)
     settings.dropped = to_json(_not_made(ladders, choice.dropped))
-    note_lods(scene, made_for)
+    note_lods(scene, made_of)
     note_measured(scene, measured)
     settings.memory_tolerance = choice.tolerance
     settings.memory_made = settings.memory

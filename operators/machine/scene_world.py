@@ -13,8 +13,6 @@ from ...crowd_lod.world.maps import FARTHEST, Area, LabelMap, edge_map, labels_f
 from ..blender import image_data, provenance, scene_data, stored_values
 from ..blender.props import group_of
 
-MADE_FOR = "crowd_lod_made_for"  # custom property of a map of walls and areas
-
 
 def machine_text(settings) -> str:
     """Return the JSON of the settings' state machine.
@@ -116,7 +114,7 @@ def areas_hold(settings, machine: machines.StateMachine) -> bool:
     """
     image = settings.areas_image
     inputs = areas_inputs(settings, machine)
-    return image is not None and provenance.is_made_of(image, MADE_FOR, inputs)
+    return image is not None and provenance.is_made_of(image, inputs)
 
 
 def areas_inputs(settings, machine: machines.StateMachine) -> dict[str, str]:

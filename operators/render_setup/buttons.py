@@ -75,7 +75,7 @@ def prepared(
             if lacks_levels or not earlier_groups:
                 crowd = read_crowd(scene)  # the groups are others
             yield from whole.take(reading(scene))
-            made_for = build_parts(crowd)
+            made_of = build_parts(crowd)
             result = yield from whole.take(work(crowd), 7)
             # no more yields: what is half shown could not be put back
             with provenance.unedited():
@@ -83,7 +83,7 @@ def prepared(
                 watch_points(scene)
                 layer.update()
             frame = update(scene, layer.depsgraph)
-            note_build(scene, made_for)
+            note_build(scene, made_of)
             finished = True
             return result, crowd, frame
     finally:

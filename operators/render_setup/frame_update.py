@@ -27,7 +27,7 @@ from ..scene.scene_crowd import SceneCrowd, read_crowd
 from ..sources.crowd_sources import crowds_of, is_live, live
 from .appended_builds import standing_still
 from .buckets import buckets_of, members, points_in, points_of
-from .render_setup import MADE_FROM, cast_of, check_levels, made_from
+from .render_setup import LOD_SIZES, cast_of, check_levels, lod_sizes
 
 
 @dataclass(frozen=True)
@@ -356,8 +356,8 @@ def _check_build(crowd: SceneCrowd) -> None:
         raise CrowdError(
             f"The build of {scene.name} lacks LODs that its settings ask for: press Build again."
         )
-    made_now = made_from(scene)
-    if top.get(MADE_FROM, made_now) != made_now:
+    sizes = lod_sizes(scene)
+    if top.get(LOD_SIZES, sizes) != sizes:
         raise CrowdError(
             f"The LOD meshes of {scene.name} have changed since its build was made: press Build "
             f"again."

@@ -30,14 +30,13 @@ from .character_images import IMAGE_BYTES, describe_images, image_bytes
 from .hidden_characters import unhide_characters
 from .nodes import baked, instances, trees
 from .phase_characters import BuiltCharacters, Selection, make_characters, meshes_of_plan
-from .shelves import REMEDY, fill_shelves, shelves_of
+from .shelves import REMEDY, fill_shelves, shelves_in, shelves_of
 
 # Custom properties of the build's collection.
-MADE_FROM = "crowd_lod_made_from"  # see made_from
+LOD_SIZES = "crowd_lod_lod_sizes"  # see lod_sizes
 POSED = "crowd_lod_posed"  # see Cast
 PLAYED = "crowd_lod_played"  # see played_by.numbers
 ACTIONS = "crowd_lod_actions"  # see played_by.actions
-MADE_OF = "crowd_lod_made_of"  # see _inputs_of_characters
 NOTES = "crowd_lod_notes"  # sentences on what the build does not show
 
 
@@ -79,7 +78,7 @@ def check_levels(crowd: SceneCrowd) -> None:
             home_of(level, g, group.name)
 
 
-def made_from(scene: bpy.types.Scene) -> str:
+def lod_sizes(scene: bpy.types.Scene) -> str:
     """Return a text that tells the scene's LOD meshes from others: sizes and feet."""
     objects = (
         item
@@ -125,7 +124,7 @@ def build(
         built = yield from work.take(make_characters(crowd, selection, of_plan=of_plan), 8)
     top = install(crowd, built)
     if complete:
-        provenance.keep(top, MADE_OF, inputs | _digest_shown(top))
+        provenance.keep(shelves_in(top), inputs | _digest_shown(top))
         top[NOTES] = "\n".join(built.notes)
     return built
 
@@ -147,9 +146,10 @@ def _built_before(scene: bpy.types.Scene, inputs: dict[str, str]) -> BuiltCharac
     top = settings.build
     if top is None or scene_data.is_shared(scene, "build"):
         return None
-    if MADE_OF not in top or np.any(np.ravel(top.get(POSED, 1))):
+    home = shelves_in(top)
+    if home is None or np.any(np.ravel(top.get(POSED, 1))):
         return None
-    if not provenance.is_made_of(top, MADE_OF, inputs | _digest_shown(top)):
+    if not provenance.is_made_of(home, inputs | _digest_shown(top)):
         return None
     return BuiltCharacters(
         np.array(top[POSED], np.intp), [], notes=str(top.get(NOTES, "")).splitlines()
@@ -202,12 +202,15 @@ def _new_build(scene: bpy.types.Scene) -> bpy.types.Collection:
 def _describe(crowd: SceneCrowd, top: bpy.types.Collection, built: BuiltCharacters) -> None:
     """Store in the build which characters it shows; forget what held for those before."""
     trajectory = crowd.trajectory
-    top[MADE_FROM] = made_from(crowd.scene)
+    top[LOD_SIZES] = lod_sizes(crowd.scene)
     top[POSED] = built.posed.tolist()
     top[PLAYED] = played_by.numbers(trajectory)
     top[ACTIONS] = played_by.actions(trajectory)
-    for key in (BAKED, CAMERAS, LIGHTS, MADE_OF):
+    for key in (BAKED, CAMERAS, LIGHTS):
         top.pop(key, None)
+    home = shelves_in(top)
+    if home is not None:
+        home.pop(provenance.MADE_OF, None)
 
 
 def _fit_points(top: bpy.types.Collection, count: int) -> None:

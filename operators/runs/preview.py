@@ -116,7 +116,7 @@ def preview(
             return {"frames": [frame["row"] for frame in frames]}
         plan = yield from work.take(_describe(run, command, lods, frames))
         if shot is not None:
-            plan |= {key: shot_json(shot)[key] for key in ("made_for", "shot")}
+            plan |= {key: shot_json(shot)[key] for key in ("made_of", "shot")}
         plan["seconds"] = round(clock.perf_counter() - started, 3)
         yield from work.take(_write(run, frames, plan, shot, legends))
         return plan

@@ -40,7 +40,7 @@ MESHES = "the LOD meshes"
 OVERRIDES = "the overrides"
 # what is asked of a plan: a frame may use it although these differ
 ASKED = CAMERA, "the frames", "Extra Cost for Fewer Pops", "the budget"
-ABOUT = "version", "blend_file", "made_for"  # arrays of a plan's file that say nothing of its LODs
+ABOUT = "version", "blend_file", "made_of"  # arrays of a plan's file that say nothing of its LODs
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ def _phases_of(crowd: SceneCrowd) -> Phases | None:
         if stored is not None and len(stored.phases.shift) == len(crowd.trajectory.start):
             now = crowd_digests(crowd.trajectory)
             others = now.keys() - {MESHES, OVERRIDES}
-            if all(stored.made_for.get(name) == now[name] for name in others):
+            if all(stored.made_of.get(name) == now[name] for name in others):
                 return stored.phases
     return None
 
@@ -208,7 +208,7 @@ def changes_since_plan(crowd: SceneCrowd) -> Generator[float, None, list[str]]:
 
 def _followed(stored: StoredPlan) -> dict[str, str]:
     """Return the parts that the plan follows from, without what was asked of it."""
-    return {name: part for name, part in stored.made_for.items() if name not in ASKED}
+    return {name: part for name, part in stored.made_of.items() if name not in ASKED}
 
 
 def notes_on_shot(crowd: SceneCrowd) -> Generator[float, None, str]:
@@ -257,7 +257,7 @@ def plan_inputs(crowd: SceneCrowd) -> dict[str, str]:
 
 
 def crowd_digests(trajectory: Trajectory) -> dict[str, str]:
-    """Return those digests of `made_for` that tell of the crowd and its LOD meshes."""
+    """Return those digests of `made_of` that tell of the crowd and its LOD meshes."""
     if trajectory not in _crowds:
         _crowds[trajectory] = _of_crowd(trajectory)
     return _crowds[trajectory]

@@ -124,7 +124,7 @@ def _plan_ready(crowd: SceneCrowd, request: PlanRequest) -> Generator[float, Non
     tolerance = crowd.policy.tolerance
     exemptions = exemptions_of(crowd, request.frames)
     yield from work.take(character_provenance.reading(crowd.scene))
-    made_for = shot_reference.plan_inputs(crowd) | request_parts(
+    made_of = shot_reference.plan_inputs(crowd) | request_parts(
         crowd.scene, request.frames, request.avoid, request.budget
     )
     through = yield from work.take(survey_of(crowd, request.frames), SURVEY)
@@ -149,7 +149,7 @@ def _plan_ready(crowd: SceneCrowd, request: PlanRequest) -> Generator[float, Non
         numbers=survey.numbers,
         times=survey.times,
         cameras=through.cameras,
-        made_for=made_for,
+        made_of=made_of,
         tolerance=max(plan.tolerance, tolerance or 0.0) or None,
         phases=phases.phases,
         cast=(yield from work.take(needed)),

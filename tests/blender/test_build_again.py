@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.blender import collection_caches, scene_data
+from crowd_lod_extension.operators.blender import collection_caches, provenance, scene_data
 from crowd_lod_extension.operators.characters.group_measuring import measure_groups
 from crowd_lod_extension.operators.characters.stored_groups import groups_of, store_groups
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
@@ -19,7 +19,7 @@ from crowd_lod_extension.operators.render_setup.bake import bake
 from crowd_lod_extension.operators.render_setup.buttons import prepared
 from crowd_lod_extension.operators.render_setup.nodes import trees
 from crowd_lod_extension.operators.render_setup.nodes.instances import NAME
-from crowd_lod_extension.operators.render_setup.shelves import RIGS, SHELF
+from crowd_lod_extension.operators.render_setup.shelves import RIGS, SHELF, shelves_in
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 
 
@@ -334,7 +334,7 @@ def test_a_build_that_is_stopped_at_its_end_leaves_the_one_before(built):
     top = built.crowd_lod.build
 
     def rebuilding():
-        del top[render_setup.MADE_OF]  # else its characters would stay anyway
+        del shelves_in(top)[provenance.MADE_OF]  # else its characters would stay anyway
         return prepared(built, render_setup.build)
 
     ends = [progress for progress in rebuilding() if progress == 1.0]

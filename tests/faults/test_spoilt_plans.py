@@ -109,7 +109,7 @@ def plan_arrays():
         "finer": np.zeros(5, np.uint8),
         "counts": np.full(1, 4, np.uint8),
         "cast": np.ones((3, 16), bool),
-        "made_for": np.array([("the crowd", "12"), ("the settings", "34")]),
+        "made_of": np.array([("the crowd", "12"), ("the settings", "34")]),
         "tolerance": np.array(1.5),
         **{f"levels_{number}": np.full(AGENTS, number % 3, np.uint8) for number in numbers},
     }
@@ -196,7 +196,7 @@ def test_plan_json(tmp_path):
     row = dict.fromkeys((*farm.COLUMNS, "switches", "switch_pixels"), 7)
     plan = {
         "version": 2,
-        "made_for": {"the crowd": "a", "the map": "b"},
+        "made_of": {"the crowd": "a", "the map": "b"},
         "frames": [row | {"frame": number} for number in (1, 2, 3)],
         "shot": {
             "frames": [1, 2, 3],
