@@ -9,7 +9,6 @@ from typing import NamedTuple
 import bpy
 import numpy as np
 
-from ...crowd_lod.culling.coverage import covered_pixels
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import byte_size
 from ...crowd_lod.frame.frame import Frame
@@ -36,7 +35,7 @@ from ..characters.stored_groups import groups_of
 from ..lod_meshes.selection import MOST_FRAMES
 from ..scene import lights
 from ..scene.frame_plan import frame_by_policy
-from ..scene.scene_crowd import SceneCrowd, home_of, policy_of, read_crowd
+from ..scene.scene_crowd import SceneCrowd, check_levels, home_of, policy_of, read_crowd
 from ..scene.scene_occluders import STAGE
 from ..scene.shot_reference import use_of
 from ..settings.cost_table import FULL, BuildCase, Cost, CostTable
@@ -44,7 +43,6 @@ from ..sources.record_points import on_record
 from .buckets import members
 from .character_images import image_bytes, uses_cache
 from .phase_characters import meshes_of_plan
-from .render_setup import check_levels
 
 CACHED = 0.01  # part of an image's memory that far agents take from the texture cache
 LEAST_HIDDEN = 0.1  # part of the agents in the picture below which hiding them gains little
@@ -289,7 +287,7 @@ def _look_at(
                 if key == settings.choice:
                     frame = use.applied(frame)
                 agents_shown[key].append(_count_shown(frame, crowd, choice.policy.count))
-            rays.append(samples * covered(frame))
+            rays.append(samples * frame.covered())
             hidden_agents += hidden_wholly(frame)
             visible = len(frame.without_worn(frame.buckets).order)
             in_picture += hidden_wholly(frame) + visible
@@ -331,12 +329,3 @@ def _objects_held(
         for k in np.flatnonzero(is_held[:, owner == g].any(axis=1))
         for item in home_of(crowd.settings.levels.children[k], g, name).objects
     ]
-
-
-def covered(frame: Frame) -> float:
-    """Return roughly how many pixels of the picture the frame's agents cover."""
-    crowd = frame.crowd
-    agents = frame.buckets.order
-    spheres = frame.trajectory.spheres
-    places = np.stack(crowd.places(spheres.center, agents, frame.camera.origin))
-    return covered_pixels(frame.camera, places, spheres.radius[crowd.group[agents]])

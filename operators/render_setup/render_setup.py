@@ -22,7 +22,7 @@ from ..characters.stored_groups import groups_of
 from ..freshness.artifacts import to_make_again
 from ..freshness.bake_frames import BAKED, CAMERAS, LIGHTS, is_bake
 from ..lod_meshes.make_lods import TINTS
-from ..scene.scene_crowd import SceneCrowd, home_of
+from ..scene.scene_crowd import SceneCrowd, check_levels
 from . import played_by
 from .buckets import KIND, LEVEL, Bucket, buckets_of, points_of
 from .change_detection import named_by, shown_by
@@ -53,29 +53,6 @@ def cast_of(top: bpy.types.Collection, trajectory: Trajectory) -> Cast:
         )
     groups = len(trajectory.gaits.rates)
     return Cast(np.array(stored_values.read(top, POSED, int, REMEDY, (groups,), (0, np.inf))))
-
-
-def check_levels(crowd: SceneCrowd) -> None:
-    """Raise CrowdError if LOD meshes do not fit the settings."""
-    scene = crowd.scene
-    settings = crowd.settings
-    if settings.levels is None:
-        raise CrowdError(
-            f"The scene {scene.name} has no LOD meshes: press Make LOD Meshes in the Levels of "
-            f"Detail panel."
-        )
-    levels = settings.levels.children
-    count = crowd.policy.count
-    groups = len(levels[0].children) if levels else 0
-    if len(levels) < count or groups != len(settings.groups):
-        raise CrowdError(
-            f"The LOD meshes of {scene.name} ({len(levels)} LODs of {groups} character groups) do "
-            f"not fit the settings "
-            f"({count} of {len(settings.groups)}): press Make LOD Meshes and Build again."
-        )
-    for level in levels[:count]:
-        for g, group in enumerate(settings.groups):
-            home_of(level, g, group.name)
 
 
 def lod_sizes(scene: bpy.types.Scene) -> str:

@@ -129,6 +129,29 @@ def home_of(level: bpy.types.Collection, g: int, name: str) -> bpy.types.Collect
     return home
 
 
+def check_levels(crowd: SceneCrowd) -> None:
+    """Raise CrowdError if LOD meshes do not fit the settings."""
+    scene = crowd.scene
+    settings = crowd.settings
+    if settings.levels is None:
+        raise CrowdError(
+            f"The scene {scene.name} has no LOD meshes: press Make LOD Meshes in the Levels of "
+            f"Detail panel."
+        )
+    levels = settings.levels.children
+    count = crowd.policy.count
+    groups = len(levels[0].children) if levels else 0
+    if len(levels) < count or groups != len(settings.groups):
+        raise CrowdError(
+            f"The LOD meshes of {scene.name} ({len(levels)} LODs of {groups} character groups) do "
+            f"not fit the settings "
+            f"({count} of {len(settings.groups)}): press Make LOD Meshes and Build again."
+        )
+    for level in levels[:count]:
+        for g, group in enumerate(settings.groups):
+            home_of(level, g, group.name)
+
+
 def policy_of(settings, choice: str = "") -> LevelPolicy:
     """Return the LOD policy of the settings.
 

@@ -43,9 +43,8 @@ from ..lod_meshes.costs import lacking_seconds
 from ..lod_meshes.deviation import measure_levels
 from ..lod_meshes.level_objects import TINTS
 from ..lod_meshes.make_lods import make_levels
-from ..render_setup.render_setup import check_levels
 from ..scene import shot_reference
-from ..scene.scene_crowd import SceneCrowd, characters_of, policy_of, read_crowd
+from ..scene.scene_crowd import SceneCrowd, characters_of, check_levels, policy_of, read_crowd
 from ..scene.shot_exceptions import exemptions_of
 from ..settings import needs
 from ..settings.budgets import budget_of, possible_budgets

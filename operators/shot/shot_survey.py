@@ -18,7 +18,6 @@ from ...crowd_lod.shot.shot_cost import meshes_of
 from ...crowd_lod.shot.survey import Survey
 from ..blender import cameras, frame_stepping, scene_data
 from ..characters.rig_needs import leads
-from ..render_setup.cost_estimate import covered
 from ..scene import lights
 from ..scene.frame_plan import frame_by_policy
 from ..scene.scene_crowd import SceneCrowd, read_crowd
@@ -70,7 +69,7 @@ def survey_of(crowd: SceneCrowd, frames: Sequence[int]) -> Generator[float, None
             frame = yield from work.take(planned)
             film = cameras.bound_camera(scene, time)
             cut = f > 0 and film != cameras.bound_camera(scene, times[f - 1])
-            samples = scene_data.samples_of(scene) * covered(frame)
+            samples = scene_data.samples_of(scene) * frame.covered()
             recorder.add(frame, before, samples, cut)
             views.append(numbers_of(moment.eyes))
             took.update(frame.milliseconds)
