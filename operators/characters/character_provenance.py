@@ -140,11 +140,11 @@ def _read_motions(scene: bpy.types.Scene) -> Iterator[tuple[str, str]]:
 def _read_inputs(scene: bpy.types.Scene) -> Iterator[tuple[str, str]]:
     """Yield the name and the digest of each character, and of each LOD."""
     with suppress(CrowdError):  # missing characters are told elsewhere
-        homes_of_lods = {}
+        objects_of = {}
         for character in all_characters(scene):
             name = character.name
             objects = character.objects
-            homes_of_lods[name] = objects
+            objects_of[name] = objects
             _, of_actions = _plays(scene, name, objects)
             lods = [item for lod in character.given_lods for item in lod.objects]
             digest = provenance.character_digest([*objects, *lods])
@@ -160,5 +160,5 @@ def _read_inputs(scene: bpy.types.Scene) -> Iterator[tuple[str, str]]:
                 name = home.get(GROUP)
                 yield (
                     f"LOD {k} of {name}",
-                    provenance.level_digest(home, homes_of_lods.get(name, [])),
+                    provenance.level_digest(home, objects_of.get(name, [])),
                 )

@@ -20,14 +20,14 @@ REMEDY = "press Remove Build, then Build again"  # where a custom property of a 
 
 def fill_shelves(scene: bpy.types.Scene, top: bpy.types.Collection, built: BuiltCharacters) -> None:
     """Put the characters into the build, in place of those that it has."""
-    home = shelves_in(top)
-    if home is None:
-        home = _shelf(top, "Crowd LOD Characters", SHELF, -1)
+    shelving = shelves_in(top)
+    if shelving is None:
+        shelving = _shelf(top, "Crowd LOD Characters", SHELF, -1)
         # else a view layer that the user adds later would show them
-        home.hide_render = home.hide_viewport = True
+        shelving.hide_render = shelving.hide_viewport = True
         for view_layer in scene.view_layers:
             view_layer.update()  # a scene that was never evaluated has no layer collections yet
-            exclude(view_layer.layer_collection, home)
+            exclude(view_layer.layer_collection, shelving)
         show_where_characters_are(scene)
     shelves = shelves_of(top)
     levels = len(built.collections)
@@ -41,13 +41,13 @@ def fill_shelves(scene: bpy.types.Scene, top: bpy.types.Collection, built: Built
             old_characters.children.link(shelves.pop(level))
     for level, characters in enumerate(built.collections):
         if level not in shelves:
-            shelves[level] = _shelf(home, f"Crowd LOD {level} characters", SHELF, level)
+            shelves[level] = _shelf(shelving, f"Crowd LOD {level} characters", SHELF, level)
             spare[level] = []
         for home in spare[level][len(characters) :]:
             shelves[level].children.unlink(home)
             old_characters.children.link(home)
-    rigs = next((child for child in home.children if RIGS in child), None) or _shelf(
-        home, "Crowd LOD Rigs", RIGS, True
+    rigs = next((child for child in shelving.children if RIGS in child), None) or _shelf(
+        shelving, "Crowd LOD Rigs", RIGS, True
     )
     for rig in [item for item in rigs.objects if item.get(OWNED)]:
         rigs.objects.unlink(rig)
@@ -57,7 +57,7 @@ def fill_shelves(scene: bpy.types.Scene, top: bpy.types.Collection, built: Built
         rigs.objects.link(rig)
     for level, characters in enumerate(built.collections):
         _fill(shelves[level], spare[level][: len(characters)], characters)
-    note_change(top, home, rigs, *shelves.values())
+    note_change(top, shelving, rigs, *shelves.values())
     for block, name in built.names.items():
         block.name = name
     note_held(

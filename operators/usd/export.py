@@ -186,15 +186,15 @@ def _plan_frames(
 
 def _instances(
     crowd: SceneCrowd,
-    instances: tuple[Cast, Instances],
+    shown: tuple[Cast, Instances],
     plans: dict[int, FrameInstances],
     file: CrowdFile,
 ) -> Generator[float, None, None]:
-    """Write where the agents of `instances` are in each frame."""
+    """Write where the agents that are shown are in each frame."""
     scene = crowd.scene
     trajectory = crowd.trajectory
-    cast, instances = instances
-    agents = instances[1].agents
+    cast, instances = shown
+    agents = instances.agents
     turn = float(scene_data.rotation(scene.crowd_lod.forward))
     speed = scene_data.frame_rate(scene)
     work = Workload(10 * len(plans))
