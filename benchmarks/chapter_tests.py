@@ -23,7 +23,7 @@ from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.frame.index_cache import blocks_at
-from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy, limits
+from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy, threshold_distances
 from crowd_lod_extension.crowd_lod.world.first_frame import populate
 from crowd_lod_extension.crowd_lod.world.maps import Area, edge_map
 from crowd_lod_extension.sample_scenes import plaza_map
@@ -106,7 +106,7 @@ def measure_stages(agents: int, repeats: int, seed: int) -> dict:
     """
     trajectory, side = crowd_of(agents, seed)
     still = replace(trajectory, seconds_per_frame=0.0)
-    rivals = _Peers(trajectory, limits(POLICY, camera(side, 0), np.ones(1))[0])
+    rivals = _Peers(trajectory, threshold_distances(POLICY, camera(side, 0), np.ones(1))[0])
     times: dict[str, list[float]] = {}
     still.at(1)
     for repeat in range(repeats + 1):
@@ -139,15 +139,15 @@ def measure_stages(agents: int, repeats: int, seed: int) -> dict:
 class _Peers:
     """All of PEERS that this machine has, for the crowd of a trajectory at its start.
 
-    begins: the distances at which LODs begin, of one group (limits()).
+    thresholds: the distances at which LODs begin, of one group (threshold_distances()).
     """
 
-    def __init__(self, trajectory: Walk, begins: np.ndarray):
+    def __init__(self, trajectory: Walk, thresholds: np.ndarray):
         crowd = trajectory.start
         self.trajectory = trajectory
-        self.begins = begins
-        self.nodes = peers.Nodes(crowd, PERSON, begins)
-        self.c_cull = loop.library() and loop.Cull(crowd, PERSON, begins)
+        self.thresholds = thresholds
+        self.nodes = peers.Nodes(crowd, PERSON, thresholds)
+        self.c_cull = loop.library() and loop.Cull(crowd, PERSON, thresholds)
         self.c_step = loop.library() and loop.Step(
             crowd, trajectory.machine, trajectory.world, 1 / 24
         )
@@ -158,7 +158,9 @@ class _Peers:
         times = {}
         counts = {}
         for name in ("naive", "six_planes"):
-            times[name], buckets = time_job(getattr(peers, name), crowd, PERSON, view, self.begins)
+            times[name], buckets = time_job(
+                getattr(peers, name), crowd, PERSON, view, self.thresholds
+            )
             counts[name] = [len(bucket) for bucket in buckets]
         self.nodes.aim(view)
         times["geometry_nodes"], _ = time_job(self.nodes.update)
@@ -274,7 +276,9 @@ def measure_whole_frame(agents: int, repeats: int, seed: int) -> dict:
     """
     trajectory, side = crowd_of(agents, seed)
     points = walkers.Points(trajectory, POLICY)
-    nodes = walkers.Walkers(trajectory, PERSON, limits(POLICY, camera(side, 0), np.ones(1))[0])
+    nodes = walkers.Walkers(
+        trajectory, PERSON, threshold_distances(POLICY, camera(side, 0), np.ones(1))[0]
+    )
     times: dict[str, list[float]] = {}
     for repeat in range(repeats + 2):
         view = camera(side, 0.2 + 0.3 * repeat / repeats)

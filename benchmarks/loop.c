@@ -5,9 +5,10 @@
 #include <stdint.h>
 
 /* Culling, LOD and sorting. planes: 6 rows of n and offset, outside where n . p > offset + radius. depth: n and offset.
-   limits: steps distances where LODs begin. buckets: one array of `n` indices a LOD; counts: how many are in each. */
+   thresholds: distances where the `coarser` LODs after LOD 0 begin. buckets: one array of `n` indices a LOD; counts: how
+   many are in each. */
 void cull(int64_t n, const double *x, const double *y, const double *z, double center, double radius, const double *planes,
-          const double *depth, int steps, const double *limits, int32_t *buckets, int64_t *counts)
+          const double *depth, int coarser, const double *thresholds, int32_t *buckets, int64_t *counts)
 {
     for (int64_t i = 0; i < n; i++) {
         const double px = x[i], py = y[i], pz = z[i] + center;
@@ -20,8 +21,8 @@ void cull(int64_t n, const double *x, const double *y, const double *z, double c
             continue;
         const double d = depth[0] * px + depth[1] * py + depth[2] * pz - depth[3];
         int level = 0;
-        for (int k = 0; k < steps; k++)
-            level += d >= limits[k];
+        for (int k = 0; k < coarser; k++)
+            level += d >= thresholds[k];
         buckets[level * n + counts[level]++] = (int32_t)i;
     }
 }

@@ -47,11 +47,11 @@ class Cull:
     Its agents stay in the order they are in.
     """
 
-    def __init__(self, crowd: Crowd, group: Group, limits: np.ndarray):
+    def __init__(self, crowd: Crowd, group: Group, thresholds: np.ndarray):
         self.crowd = crowd
         self.group = group
-        self.limits = np.ascontiguousarray(limits, np.float64)
-        self.buckets = np.zeros((len(limits) + 1, len(crowd)), np.int32)
+        self.thresholds = np.ascontiguousarray(thresholds, np.float64)
+        self.buckets = np.zeros((len(thresholds) + 1, len(crowd)), np.int32)
 
     def __call__(self, camera: Camera) -> np.ndarray:
         """Agents a LOD (n,) int64; their indices are in `buckets`."""
@@ -72,8 +72,8 @@ class Cull:
             number(self.group.radius),
             _at(sides),
             _at(depth),
-            len(self.limits),
-            _at(self.limits),
+            len(self.thresholds),
+            _at(self.thresholds),
             _at(self.buckets),
             _at(counts),
         )

@@ -12,7 +12,7 @@ from crowd_lod_extension.crowd_lod.culling.camera import Camera
 from crowd_lod_extension.crowd_lod.culling.frustum import frustum_of
 
 
-def naive(crowd: Crowd, group: Group, camera: Camera, limits: np.ndarray) -> list[np.ndarray]:
+def naive(crowd: Crowd, group: Group, camera: Camera, thresholds: np.ndarray) -> list[np.ndarray]:
     """The chapter's listings line by line in NumPy.
 
     Camera coordinates of all, the radar test with the derived widening, a sum of unit steps, and
@@ -29,23 +29,25 @@ def naive(crowd: Crowd, group: Group, camera: Camera, limits: np.ndarray) -> lis
         visible &= across <= high * along + group.radius * np.hypot(1, high)
         visible &= across >= low * along - group.radius * np.hypot(1, low)
     level = (
-        sum((along >= limit).astype(np.int64) for limit in limits)
-        if len(limits)
+        sum((along >= threshold).astype(np.int64) for threshold in thresholds)
+        if len(thresholds)
         else np.zeros(len(v), np.int64)
     )
-    return [np.flatnonzero(visible & (level == k)) for k in range(len(limits) + 1)]
+    return [np.flatnonzero(visible & (level == k)) for k in range(len(thresholds) + 1)]
 
 
-def six_planes(crowd: Crowd, group: Group, camera: Camera, limits: np.ndarray) -> list[np.ndarray]:
+def six_planes(
+    crowd: Crowd, group: Group, camera: Camera, thresholds: np.ndarray
+) -> list[np.ndarray]:
     """Six planes as one matrix product over all agents, then a stable sort."""
     frustum = frustum_of(camera)
     rows = np.vstack([frustum.normals, camera.Z])
     spheres = np.array([crowd.x, crowd.y, crowd.z + group.center])
     signed = rows @ spheres - (rows @ camera.origin)[:, None]
     visible = np.flatnonzero((signed[:6] <= (frustum.offsets + group.radius)[:, None]).all(axis=0))
-    level = np.searchsorted(limits, signed[6, visible], side="right").astype(np.uint8)
+    level = np.searchsorted(thresholds, signed[6, visible], side="right").astype(np.uint8)
     visible = visible[np.argsort(level, kind="stable")]
-    return np.split(visible, np.cumsum(np.bincount(level, minlength=len(limits) + 1))[:-1])
+    return np.split(visible, np.cumsum(np.bincount(level, minlength=len(thresholds) + 1))[:-1])
 
 
 @cache
@@ -117,7 +119,7 @@ class Cull:
     It stores the others' LOD.
     """
 
-    def __init__(self, tree: Tree, limits: np.ndarray):
+    def __init__(self, tree: Tree, thresholds: np.ndarray):
         place = tree.node("GeometryNodeInputPosition").outputs[0]
         self.planes = []
         outside = None
@@ -137,11 +139,11 @@ class Cull:
         depth_from = tree.node("ShaderNodeMath", depth, operation="SUBTRACT")
         self.planes[6][1] = depth_from.inputs[1]
         level = tree.math("ADD", 0.0, 0.0)
-        for limit in limits:
+        for threshold in thresholds:
             level = tree.math(
                 "ADD",
                 level,
-                tree.math("GREATER_THAN", depth_from.outputs[0], float(limit) * (1 - 1e-7)),
+                tree.math("GREATER_THAN", depth_from.outputs[0], float(threshold) * (1 - 1e-7)),
             )
         tree.geometry = tree.node("GeometryNodeDeleteGeometry", tree.geometry, outside).outputs[0]
         tree.store("lod", "INT", level)
@@ -164,14 +166,14 @@ class Nodes:
     They make no buckets: one more tree for each LOD would have to part the points.
     """
 
-    def __init__(self, crowd: Crowd, group: Group, limits: np.ndarray):
+    def __init__(self, crowd: Crowd, group: Group, thresholds: np.ndarray):
         self.radius = group.radius
         self.scene = bpy.data.scenes.new("cull")
         self.object = points_of("agents", crowd, group.center)
         self.scene.collection.objects.link(self.object)
         self.tree = Tree("cull")
         self.prepare(self.tree)
-        self.cull = Cull(self.tree, limits)
+        self.cull = Cull(self.tree, thresholds)
         self.tree.finish()
         self.object.modifiers.new("cull", "NODES").node_group = self.tree.group
         self.layer = self.scene.view_layers[0]

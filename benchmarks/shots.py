@@ -28,7 +28,7 @@ from crowd_lod_extension.crowd_lod.levels.assignment import (
     LevelPolicy,
     assign,
     deviations,
-    limits,
+    threshold_distances,
 )
 from crowd_lod_extension.crowd_lod.levels.cost_model import default_costs
 from crowd_lod_extension.crowd_lod.output import files, tables
@@ -172,15 +172,19 @@ def surveyed(
 
 
 def hold(
-    previous: np.ndarray, distance: np.ndarray, limits: np.ndarray, group: np.ndarray, width: float
+    previous: np.ndarray,
+    distance: np.ndarray,
+    thresholds: np.ndarray,
+    group: np.ndarray,
+    width: float,
 ) -> np.ndarray:
     """LOD ids (n,) uint8 with causal hysteresis.
 
-    An agent keeps its id of `previous` (n,) until the distance has passed a limit by more than the
-    part `width` of it. The other arguments are those of `assign`.
+    An agent keeps its id of `previous` (n,) until the distance has passed a threshold by more than
+    the part `width` of it. The other arguments are those of `assign`.
     """
-    finest = assign(distance, limits * (1 + width), group)
-    coarsest = assign(distance, limits * (1 - width), group)
+    finest = assign(distance, thresholds * (1 + width), group)
+    coarsest = assign(distance, thresholds * (1 - width), group)
     return np.clip(previous, finest, coarsest)
 
 
@@ -202,13 +206,15 @@ def held_levels(
         joined = survey.joined(block)
         before = None
         for f, film in enumerate(films[block.begin : block.end]):
-            begins = limits(POLICY, film, radius, table) * (1 + width if keeps else 1)
+            thresholds = threshold_distances(POLICY, film, radius, table) * (
+                1 + width if keeps else 1
+            )
             pixels = scale[f].astype(np.float64)
             distance = film.pixels_per_unit / np.where(pixels > 0, pixels, np.inf) + radius[group]
-            rows[f] = assign(distance, begins, group)
+            rows[f] = assign(distance, thresholds, group)
             if before is not None:
                 held_width = width / (1 + width) if keeps else width
-                with_hysteresis = hold(before, distance, begins, group, held_width)
+                with_hysteresis = hold(before, distance, thresholds, group, held_width)
                 rows[f] = np.where(joined[f], with_hysteresis, rows[f])
             before = rows[f]
     return levels

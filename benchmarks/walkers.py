@@ -64,7 +64,7 @@ class Walkers(Nodes):
     is left to what instances them. They step when the scene's frame goes on by one.
     """
 
-    def __init__(self, trajectory: Trajectory, group: Group, limits: np.ndarray):
+    def __init__(self, trajectory: Trajectory, group: Group, thresholds: np.ndarray):
         self.trajectory = trajectory
         self.person = group
         labels = trajectory.world.labels
@@ -72,7 +72,7 @@ class Walkers(Nodes):
             "labels", labels.shape[1], labels.shape[0], float_buffer=True, is_data=True
         )
         self.image.pixels.foreach_set(np.repeat(labels.astype(np.float32).ravel(), 4))
-        super().__init__(trajectory.start, group, limits)
+        super().__init__(trajectory.start, group, thresholds)
         crowd = trajectory.start
         mesh = self.object.data
         columns = {

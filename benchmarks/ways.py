@@ -297,7 +297,7 @@ def _cull(points: bpy.types.Object, groups: tuple[Group, ...], frame) -> None:
     sphere = Group(
         "all", 0.0, max(group.radius + abs(group.center - center) for group in groups), 0.0, 1.0
     )
-    nodes = peers.Nodes(frame.crowd, sphere, frame.begins[0])
+    nodes = peers.Nodes(frame.crowd, sphere, frame.thresholds[0])
     nodes.aim(replace(frame.camera, origin=frame.camera.origin - (0, 0, center)))
     level_tree = bpy.data.node_groups.new("one LOD", "GeometryNodeTree")
     for in_out in ("INPUT", "OUTPUT"):

@@ -17,7 +17,7 @@ from crowd_lod_extension.operators import registration
 from crowd_lod_extension.operators.cli.arguments import parser
 from crowd_lod_extension.operators.settings.area_settings import CrowdLodArea
 from crowd_lod_extension.operators.settings.crowd_settings import CROWD
-from crowd_lod_extension.operators.settings.exception_settings import CrowdLodException
+from crowd_lod_extension.operators.settings.override_settings import CrowdLodOverride
 from crowd_lod_extension.operators.settings.properties import (
     STEPS,
     CrowdLodGroup,
@@ -132,10 +132,10 @@ def settings_page() -> str:
             CrowdLodArea,
         ),
         section(
-            "Each of exceptions",
-            "An exception from the shot plan.",
-            CrowdLodException.__annotations__,
-            CrowdLodException,
+            "Each of overrides",
+            "An override of the shot plan.",
+            CrowdLodOverride.__annotations__,
+            CrowdLodOverride,
         ),
         operators(),
     ]

@@ -25,7 +25,7 @@ from .runs import open_report, preview, update_all, verify_button
 from .scene import plan_verdict, populate, sample_menu, scene_crowd, walls_button
 from .settings import (
     area_settings,
-    exception_settings,
+    override_settings,
     presets,
     properties,
     setting_changes,
@@ -33,13 +33,13 @@ from .settings import (
 from .shot import shot_plan
 from .sources import record_points, simulate
 from .ui import (
-    agent_edits,
+    agent_overrides,
     area_list,
     crowd_list,
-    exception_list,
     machine_panels,
     manual,
     menus,
+    override_list,
     panels,
     popovers,
     shot_panels,
@@ -50,9 +50,9 @@ from .usd import export_button
 MODULES = (
     operator,
     area_settings,
-    exception_settings,
-    exception_list,
-    agent_edits,
+    override_settings,
+    override_list,
+    agent_overrides,
     area_list,
     properties,
     machine_settings,

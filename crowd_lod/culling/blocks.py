@@ -233,7 +233,7 @@ def decide(
     blocks: Blocks,
     crowd: Crowd,
     views: Sequence[Sequence[Look]],
-    limits: np.ndarray | None,
+    thresholds: np.ndarray | None,
     margin: float | None = None,
 ) -> tuple[BlockDecisions, np.ndarray]:
     """Return (decided, places): what the blocks decide, and which agents stay open.
@@ -241,13 +241,13 @@ def decide(
     crowd: as it stands at the first of the looks' times.
     views: for each time at which agents may be seen, the Looks of the eyes. LODs follow from the
         first time's.
-    limits: (G, n - 1) meters where LODs begin; None if they depend on more than distance.
+    thresholds: (G, n - 1) meters where LODs begin; None if they depend on more than distance.
     margin: as for `radar`.
 
     places: (m,) intp, increasing, indices of the open agents in decided.open_levels, flattened,
         where they are CULLED so far.
     """
-    steps = [] if limits is None else [_steps(step) for step in limits.T]
+    ranges = [] if thresholds is None else [_range_of(by_group) for by_group in thresholds.T]
     leaves = np.full(len(blocks.rows), CULLED, np.uint8)
     opened = np.arange(blocks.tiers[0][1].shape[1])
     tests = [[BoxTest(look, blocks.extent, margin) for look in eyes] for eyes in views]
@@ -261,8 +261,8 @@ def decide(
             boxes.reshape(8, -1, parts).take(
                 whole, axis=1, out=tested[:8].reshape(8, -1, parts), mode="clip"
             )
-            outside, level = _test(tests, steps, tested, group[:, numbers])
-            leveled = (level < CULLED).nonzero()[0] if limits is not None else numbers[:0]
+            outside, level = _test(tests, ranges, tested, group[:, numbers])
+            leveled = (level < CULLED).nonzero()[0] if thresholds is not None else numbers[:0]
             leaves.reshape(-1, size // LEAF)[numbers[leveled]] = level[leveled, None]
             is_open = ~outside
             is_open[leveled] = False
@@ -279,8 +279,8 @@ def decide(
     count = len(opened) * LEAF
     if remainder and leaves[last] == OPEN:
         count -= LEAF - remainder
-    if len(views) == 1 and limits is not None and all(test.linear for test in tests[0]):
-        return decided, _alone(blocks, crowd, tests[0], limits, decided, count)
+    if len(views) == 1 and thresholds is not None and all(test.linear for test in tests[0]):
+        return decided, _alone(blocks, crowd, tests[0], thresholds, decided, count)
     return decided, np.arange(count)
 
 
@@ -323,7 +323,7 @@ def _alone(
     blocks: Blocks,
     crowd: Crowd,
     tests: list[BoxTest],
-    limits: np.ndarray,
+    thresholds: np.ndarray,
     decided: BlockDecisions,
     count: int,
 ) -> np.ndarray:
@@ -335,8 +335,8 @@ def _alone(
     left = [np.arange(0)]
     slack = max(test.slack for test in tests)
     center, radius = blocks.spheres
-    uniform = (limits == limits[0]).all()
-    begin = limits.T[:, :1] if uniform else np.ascontiguousarray(limits.T)
+    uniform = (thresholds == thresholds[0]).all()
+    by_group = thresholds.T[:, :1] if uniform else np.ascontiguousarray(thresholds.T)
     order = blocks.rows.take(decided.open_blocks, axis=0).ravel()
     levels = decided.open_levels.reshape(-1)
     groups = None
@@ -360,7 +360,7 @@ def _alone(
             outside = outside & eye_outside
             inside = inside | eye_inside
             distance = np.minimum(distance, eye_distance)
-        beyond = distance - (begin if uniform else begin.take(group, axis=1))
+        beyond = distance - (by_group if uniform else by_group.take(group, axis=1))
         level = np.add.reduce((beyond >= 0).view(np.uint8), axis=0, dtype=np.uint8)
         sure = inside & ~np.logical_or.reduce(np.abs(beyond) <= slack, axis=0)
         levels[part] = _or_culled(level, inside)
@@ -381,26 +381,28 @@ def edges(group: np.ndarray, agents: np.ndarray, groups: int) -> np.ndarray:
     )
 
 
-def _steps(limits: np.ndarray) -> tuple:
-    """Return the (latest, earliest) distance at which a LOD begins.
+def _range_of(by_group: np.ndarray) -> tuple:
+    """Return the (latest, earliest) threshold of a LOD, meters.
 
     Each is one number, or (G, G): for the groups a to b at [a, b].
+
+    by_group: (G,) meters, where each group's LOD begins.
     """
-    if (limits == limits[0]).all():
-        return limits[0], limits[0]
-    return _over(limits, np.maximum), _over(limits, np.minimum)
+    if (by_group == by_group[0]).all():
+        return by_group[0], by_group[0]
+    return _over(by_group, np.maximum), _over(by_group, np.minimum)
 
 
 def _test(
     tests: list[list[BoxTest]],
-    steps: list[tuple],
+    ranges: list[tuple],
     boxes: np.ndarray,
     group: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return (outside, level), each (b,), for the boxes (9, b).
 
     tests: for each time, those of the eyes.
-    steps: of each limit, from `_steps`.
+    ranges: of each threshold, from `_range_of`.
     group: (2, b), the boxes' first and last group.
     outside: whether no camera sees the box.
     level: the LOD of boxes seen wholly and in one LOD, else CULLED.
@@ -414,11 +416,11 @@ def _test(
         outside = outside & eye_outside
         inside = inside | eye_inside
     finest, coarsest = np.zeros((2, boxes.shape[1]), np.uint8)
-    for latest, earliest in steps:
-        latest_begin = latest[*group] if np.ndim(latest) else latest
-        earliest_begin = earliest[*group] if np.ndim(earliest) else earliest
-        finest += (nearest >= latest_begin).view(np.uint8)
-        coarsest += (farthest >= earliest_begin).view(np.uint8)
+    for latest, earliest in ranges:
+        latest = latest[*group] if np.ndim(latest) else latest
+        earliest = earliest[*group] if np.ndim(earliest) else earliest
+        finest += (nearest >= latest).view(np.uint8)
+        coarsest += (farthest >= earliest).view(np.uint8)
     return outside, _or_culled(finest, inside & (finest == coarsest))
 
 

@@ -13,7 +13,7 @@ from ..crowd.leave_outs import ITEMS, STATIC, STILL, LeftOut
 from ..culling.camera import Camera, as_pictured
 from ..culling.coverage import covered_pixels
 from ..culling.radar import RadarOptions, radar
-from ..levels.assignment import Bias, LevelPolicy, assign, deviations, limits
+from ..levels.assignment import Bias, LevelPolicy, assign, deviations, threshold_distances
 from ..sorting.buckets import Buckets
 from ..sources.trajectory import Trajectory
 from .index_cache import cache_of
@@ -25,7 +25,8 @@ from .stages import Task, sorted_by_level
 class Outcome:
     """Who is seen, at which LOD, and what that costs. It holds for as long as nothing moves.
 
-    begins: (G, n - 1) meters, where each group's LODs 1 ... n - 1 begin (levels.limits).
+    thresholds: (G, n - 1) meters, where each group's LODs 1 ... n - 1 begin
+        (levels.threshold_distances).
     vertices, triangles: to be drawn for the visible agents.
     full_vertices, full_triangles: without culling and LOD.
     dropped: agents left out because they stand at NaN or infinity.
@@ -36,7 +37,7 @@ class Outcome:
     """
 
     buckets: Buckets
-    begins: np.ndarray
+    thresholds: np.ndarray
     vertices: int
     triangles: int
     full_vertices: int
@@ -57,7 +58,7 @@ class Frame(Request, Outcome):
     hidden: (n,) bool, agents in the picture that scenery hides, and who are not in `buckets`; None
         if not looked for (frame/hidden.py).
     plan_row: (n,) uint8, what the shot plan has of the agents (frame/planned.py), if the LODs are
-        its, or what exceptions alone have; else None.
+        its, or what overrides alone have; else None.
     by_plan: whether `plan_row` is the shot plan's.
     unplanned: a sentence why a stored shot plan does not give them, or "".
 
@@ -136,7 +137,7 @@ class Frame(Request, Outcome):
         """(n,) uint8, the LOD of every agent."""
         if self.known_levels is not None:
             return self.known_levels
-        return assign(self.distances, self.begins, self.crowd.group, self.factors)
+        return assign(self.distances, self.thresholds, self.crowd.group, self.factors)
 
     def phase_of(self, agents: np.ndarray) -> np.ndarray:
         """(m,) float32 in [0, 1): the places of `agents` (m,) in their action's cycle."""
@@ -185,13 +186,13 @@ def plan_of(trajectory: Trajectory, request: Request) -> Frame:
         ticks += [clock.perf_counter()] * 3
         outcome = replace(outcome, left_out=(STATIC, *outcome.left_out))
     else:
-        begins = limits(
+        thresholds = threshold_distances(
             request.policy,
             request.eyes[0],
             trajectory.spheres.radius,
             deviations(trajectory.groups, request.policy),
         )
-        outcome = _outcome(Task(trajectory, request, crowd, views, begins, ticks))
+        outcome = _outcome(Task(trajectory, request, crowd, views, thresholds, ticks))
         cache_of(trajectory).memo = None if inputs is None else (*inputs, outcome)
     requested = {field.name: getattr(request, field.name) for field in fields(Request)}
     return Frame(
@@ -247,7 +248,7 @@ def _outcome(task: Task) -> Outcome:
     triangles, full_triangles = cost(counted, [group.triangles for group in groups])
     return Outcome(
         buckets=buckets,
-        begins=task.begins,
+        thresholds=task.thresholds,
         vertices=vertices,
         triangles=triangles,
         full_vertices=full_vertices,

@@ -13,7 +13,7 @@ from .frame_range import shot_frames
 
 # Bits of a byte of the plan. 0x10 is free for agents that scenery hides.
 LEVEL = 0x0F
-EXCEPTED = 0x20  # an exception gives the LOD or hides the agent
+OVERRIDDEN = 0x20  # an override gives the LOD or hides the agent
 PINNED = 0x40  # the LOD holds, even if the tolerance asks for another
 HIDDEN = 0x80
 CAMERA_KINDS = "PERSP", "ORTHO", "PANO"  # of cameras, by their number in a plan
@@ -26,7 +26,7 @@ LENGTHS = [0, 1, 2, 16, 17]
 def with_row(frame: Frame, row: np.ndarray) -> Frame:
     """Return `frame` with the LODs of the shot plan.
 
-    row: (n,) uint8, of LEVEL, EXCEPTED, PINNED and HIDDEN.
+    row: (n,) uint8, of LEVEL, OVERRIDDEN, PINNED and HIDDEN.
     An agent is never coarser than the policy of `frame` allows: at times between the plan's frames
     it may be nearer than in them. Pinned and hidden agents are as the plan has them.
     """

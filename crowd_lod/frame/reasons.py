@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from ..culling.frustum import frustum_of
-from ..levels.assignment import assign, deviations, limits
+from ..levels.assignment import assign, deviations, threshold_distances
 from .frame import Frame
-from .planned import EXCEPTED, HIDDEN
+from .planned import HIDDEN, OVERRIDDEN
 
 REASONS = (
     "near enough",
@@ -31,7 +31,7 @@ REASONS = (
     BESIDE,
     LEFT_OUT,
     SHOT_PLAN,
-    EXCEPTION,
+    OVERRIDE,
     BEHIND_SCENERY,
     ABSENT,
 ) = range(len(REASONS))
@@ -42,23 +42,25 @@ def reasons(frame: Frame) -> np.ndarray:
 
     A culled agent lies before near or beyond far of the first camera by its sphere, or else beside
     the view. A LOD that the distance alone does not give comes from the detail map, stands in for a
-    finer one that builds leave out (LevelPolicy.finest), or comes from the shot plan. An exception
-    from the shot plan is the reason wherever it pins the LOD of a visible agent, or hides the
-    agent. An agent that is not there has no other reason, unless an exception hides it.
+    finer one that builds leave out (LevelPolicy.finest), or comes from the shot plan. An override
+    of the shot plan is the reason wherever it pins the LOD of a visible agent, or hides the
+    agent. An agent that is not there has no other reason, unless an override hides it.
     """
     crowd = frame.crowd
     policy = frame.policy
     spheres = frame.trajectory.spheres
-    begins = frame.begins
+    thresholds = frame.thresholds
     finest = 0
     if any(policy.finest):
         deviation = deviations(frame.trajectory.groups, policy)
-        begins = limits(replace(policy, finest=()), frame.camera, spheres.radius, deviation)
+        thresholds = threshold_distances(
+            replace(policy, finest=()), frame.camera, spheres.radius, deviation
+        )
         finest = np.array(policy.finest)[crowd.group]
-    plain = assign(frame.distances, begins, crowd.group)
+    plain = assign(frame.distances, thresholds, crowd.group)
     painted = plain
     if frame.bias is not None:
-        painted = assign(frame.distances, begins, crowd.group, frame.factors)
+        painted = assign(frame.distances, thresholds, crowd.group, frame.factors)
     reason = np.full(len(crowd), DISTANCE, np.uint8)
     reason[painted != plain] = DETAIL_MAP
     reason[painted < finest] = LEFT_OUT
@@ -83,6 +85,6 @@ def reasons(frame: Frame) -> np.ndarray:
         reason[~crowd.present] = ABSENT
     if frame.plan_row is not None:
         reason[
-            (frame.plan_row & HIDDEN != 0) | (frame.visible & (frame.plan_row & EXCEPTED != 0))
-        ] = EXCEPTION
+            (frame.plan_row & HIDDEN != 0) | (frame.visible & (frame.plan_row & OVERRIDDEN != 0))
+        ] = OVERRIDE
     return reason

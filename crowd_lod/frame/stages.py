@@ -23,7 +23,7 @@ class Task:
 
     crowd: at the request's time.
     moments: the moments, with the grain of pictures.
-    begins: (G, n - 1) meters, where LODs begin.
+    thresholds: (G, n - 1) meters, where LODs begin.
     ticks: the clock's seconds at the ends of the stages so far; whoever does a stage adds its own.
     """
 
@@ -31,7 +31,7 @@ class Task:
     request: Request
     crowd: Crowd
     moments: list[Moment]
-    begins: np.ndarray
+    thresholds: np.ndarray
     ticks: list[float]
 
     def factors(self, agents: np.ndarray | slice = slice(None)) -> np.ndarray | None:
@@ -74,7 +74,7 @@ def _one_block(task: Task, blocks: Blocks | None) -> Sorted:
     dropped = len(lost(task.crowd))
     visible, distance = _radar(task)
     task.ticks.append(clock.perf_counter())
-    levels = assign(distance, task.begins, task.crowd.group, task.factors())
+    levels = assign(distance, task.thresholds, task.crowd.group, task.factors())
     task.ticks.append(clock.perf_counter())
     count = task.request.policy.count
     if blocks is None:
@@ -99,7 +99,7 @@ def _by_blocks(task: Task, since: int, blocks: Blocks) -> Sorted:
     task.ticks.append(clock.perf_counter())
     visible_agents = agents[visible]
     decided.open_levels.reshape(-1)[places[visible]] = assign(
-        distance[visible], task.begins, group[visible_agents], task.factors(visible_agents)
+        distance[visible], task.thresholds, group[visible_agents], task.factors(visible_agents)
     )
     task.ticks.append(clock.perf_counter())
     buckets, present = sort_blocks(blocks, decided, group, task.request.policy.count)
@@ -123,8 +123,8 @@ def _decide_blocks(task: Task, since: int, blocks: Blocks) -> tuple[BlockDecisio
         ]
         for moment in task.moments
     ]
-    limits = task.begins if task.request.bias is None else None
-    return decide(blocks, task.crowd, views, limits, policy.margin)
+    thresholds = task.thresholds if task.request.bias is None else None
+    return decide(blocks, task.crowd, views, thresholds, policy.margin)
 
 
 def _radar(task: Task, agents: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:

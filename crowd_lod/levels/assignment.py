@@ -89,17 +89,17 @@ def pushed(values: Sequence[float], fixed: int) -> np.ndarray:
     with suppress(CrowdError):
         LevelPolicy(tuple(round(value, 6) for value in values))
         return np.array(values, np.float64)
-    steps = LEAST_GAP * np.arange(len(values))
-    rising = np.array(values, np.float64) - steps
+    gaps = LEAST_GAP * np.arange(len(values))
+    rising = np.array(values, np.float64) - gaps
     rising[fixed:] = np.maximum.accumulate(rising[fixed:])
     rising[fixed::-1] = np.minimum.accumulate(rising[fixed::-1])
-    return rising.clip(LEAST_GAP, 1 - steps[-1]) + steps
+    return rising.clip(LEAST_GAP, 1 - gaps[-1]) + gaps
 
 
-def limits(
+def threshold_distances(
     policy: LevelPolicy, camera: Camera, radius: np.ndarray, deviation: np.ndarray | None = None
 ) -> np.ndarray:
-    """Return the distances at which each group's LODs 1 ... n - 1 begin.
+    """Return the thresholds in meters: where each group's LODs 1 ... n - 1 begin.
 
     (G, n - 1) float64, meters, never decreasing along a row. With p pixels per unit slope, a length
     e shows e p / d pixels at the distance d in the middle of the picture, and sqrt(1 + s^2) of that
@@ -110,25 +110,25 @@ def limits(
     CrowdError if the policy has a tolerance and there is no deviation.
     """
     groups = len(radius)
-    steps = len(policy.thresholds)
+    count = len(policy.thresholds)
     # a LOD that is the group's finest begins anywhere
-    is_finest = np.arange(steps) < np.array(policy.finest or (0,))[:, None]
+    is_finest = np.arange(count) < np.array(policy.finest or (0,))[:, None]
     own = dict(enumerate(policy.group_thresholds))
     rows = [own.get(g) or policy.thresholds for g in range(groups)]
-    thresholds = np.array(rows, np.float64).reshape(groups, steps)
-    if policy.tolerance is None or not steps:
+    thresholds = np.array(rows, np.float64).reshape(groups, count)
+    if policy.tolerance is None or not count:
         return np.where(is_finest, -np.inf, camera.far * thresholds)
     if deviation is None:
         raise CrowdError(
             "A LOD tolerance needs the measured LOD meshes: make them, or choose LODs by distance."
         )
     pixels_shown = camera.pixels_per_unit * deviation[:, 1:]
-    begin = (
+    distances = (
         np.where(pixels_shown <= policy.tolerance, -np.inf, np.inf)
         if camera.kind == "ORTHO"
         else pixels_shown / policy.tolerance + radius[:, None]
     )
-    return np.maximum.accumulate(np.where(is_finest, -np.inf, begin), axis=1)
+    return np.maximum.accumulate(np.where(is_finest, -np.inf, distances), axis=1)
 
 
 def pixels_of(
@@ -137,7 +137,8 @@ def pixels_of(
     camera: Camera,
     radius: np.ndarray | float,
 ) -> np.ndarray:
-    """Return the pixels that a deviation shows at most: the inverse of `limits`.
+    """Return the pixels that a deviation shows at most: the inverse of
+    `threshold_distances`.
 
     Infinite if the camera is inside the bounding sphere and the deviation is not 0.
     deviation, distance, radius: meters; the radius is that of the agent's bounding sphere.
@@ -153,32 +154,32 @@ def pixels_of(
 
 def assign(
     distance: np.ndarray,
-    limits: np.ndarray,
+    thresholds: np.ndarray,
     group: np.ndarray | None = None,
     factor: np.ndarray | None = None,
 ) -> np.ndarray:
     """Return the LOD ids (n,) uint8, 0 the finest.
 
-    An id is the sum of U(distance - limit_i), with U(0) = 1.
+    An id is the sum of U(distance - threshold_i), with U(0) = 1.
     distance: (n,) float64, meters.
-    limits: meters, (n - 1,) for all agents, or (G, n - 1) with `group`.
+    thresholds: meters, (n - 1,) for all agents, or (G, n - 1) with `group`.
     group: (n,) uint8.
     factor: (n,) or None, multiplies each agent's distance (see `Bias`).
 
     Rounding: the distance from culling/radar.py errs by at most ROUNDING (|vx| + |vy| + |vz| +
-        |camera's z|) |Z|, with |Z| = 1 unless the camera is sheared. The factor and the limit add
-        eps each. So an id can differ from exact arithmetic only if factor x distance lies near a
-        limit: within that error times the factor, plus eps (factor x distance + limit).
+        |camera's z|) |Z|, with |Z| = 1 unless the camera is sheared. The factor and the threshold
+        add eps each. So an id can differ from exact arithmetic only if factor x distance lies near
+        a threshold: within that error times the factor, plus eps (factor x distance + threshold).
     """
     if factor is not None:
         distance = distance * factor
     ids = np.zeros(len(distance), np.uint8)
-    for step in np.asarray(limits).T:
-        if step.ndim and len(step) > 1 and (step != step[0]).any():
-            step = step[group]
-        elif step.ndim:
-            step = step[0]
-        ids += (distance >= step).view(np.uint8)  # bools would be cast one by one
+    for threshold in np.asarray(thresholds).T:
+        if threshold.ndim and len(threshold) > 1 and (threshold != threshold[0]).any():
+            threshold = threshold[group]
+        elif threshold.ndim:
+            threshold = threshold[0]
+        ids += (distance >= threshold).view(np.uint8)  # bools would be cast one by one
     return ids
 
 

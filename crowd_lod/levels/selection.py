@@ -13,7 +13,7 @@ from ..culling.camera import Camera
 from ..errors import CrowdError
 from ..messages import Message, MessageKind
 from ..progress import finished
-from .assignment import MOST_LEVELS, LevelPolicy, deviations, limits
+from .assignment import MOST_LEVELS, LevelPolicy, deviations, threshold_distances
 from .cost_model import NAMES, Actors, Costs, Holdings, Price, price, work_of
 from .least_tolerance import least_tolerance
 
@@ -87,24 +87,24 @@ def choose(
     deviation = np.array([[group.bounds[k] for k in candidates]])
     policy = LevelPolicy((0.0,) * (len(candidates) - 1), tolerance=tolerance)
     is_used = np.zeros(len(candidates), bool)
-    begins = []
+    rows = []
     for view in views:
-        begin = limits(policy, view.camera, np.array([group.radius]), deviation)[0]
-        begin = np.concatenate([[-np.inf], begin, [np.inf]])
+        row = threshold_distances(policy, view.camera, np.array([group.radius]), deviation)[0]
+        row = np.concatenate([[-np.inf], row, [np.inf]])
         is_used |= (
-            (begin[:-1] < begin[1:])
-            & (begin[:-1] <= view.farthest * BETWEEN)
-            & (begin[1:] > view.nearest / BETWEEN)
+            (row[:-1] < row[1:])
+            & (row[:-1] <= view.farthest * BETWEEN)
+            & (row[1:] > view.nearest / BETWEEN)
         )
-        begins.append(begin)
-    edges = np.array(begins)
+        rows.append(row)
+    thresholds = np.array(rows)
     for j in (np.flatnonzero(~is_used[1:]) + 1).tolist():
         k = candidates[j]
-        if (np.isfinite(edges[:, j + 1]) & (edges[:, j] >= edges[:, j + 1])).all():
+        if (np.isfinite(thresholds[:, j + 1]) & (thresholds[:, j] >= thresholds[:, j + 1])).all():
             fewer = group.triangles[candidates[j + 1]]
             dropped[k] = _not_made(MessageKind.DEVIATES_AS_MUCH, group, k, fewer=fewer)
         else:
-            kind, facts = _unused(j, edges, views, meters)
+            kind, facts = _unused(j, thresholds, views, meters)
             dropped[k] = _not_made(kind, group, k, **facts)
     return [k for k, needed in zip(candidates, is_used, strict=True) if needed or k == 0], dropped
 
@@ -138,15 +138,15 @@ def _worth_making(group: Group, given: Collection[int]) -> tuple[list[int], dict
 
 
 def _unused(
-    j: int, edges: np.ndarray, views: Sequence[View], meters: float
+    j: int, thresholds: np.ndarray, views: Sequence[View], meters: float
 ) -> tuple[MessageKind, dict[str, Any]]:
     """Return why no agent uses candidate j: the kind of message, and its facts.
 
     The numbers are those of the view that comes closest to using it.
-    edges: (views, candidates + 1) meters, where each candidate begins and where the last ends.
+    thresholds: (views, candidates + 1) meters, where each candidate begins and where the last ends.
     """
-    begin = edges[:, j]
-    end = edges[:, j + 1]
+    begin = thresholds[:, j]
+    end = thresholds[:, j + 1]
     nearest, farthest = np.array([(view.nearest, view.farthest) for view in views]).T
     coarse = begin > farthest
     if np.isinf(begin).all() and coarse.all() and views[0].camera.kind != "ORTHO":
@@ -209,10 +209,10 @@ def allowed(
     deviation = np.array([[group.bounds[k] for k in candidates]])
     counts = np.zeros((len(shot.views), len(candidates), shot.characters), np.intp)
     for view_counts, view in zip(counts, shot.views, strict=True):
-        begin = limits(policy, view.camera, np.array([group.radius]), deviation)[0]
+        row = threshold_distances(policy, view.camera, np.array([group.radius]), deviation)[0]
         np.add.at(
             view_counts,
-            (np.searchsorted(begin, view.distance, side="right"), view.character),
+            (np.searchsorted(row, view.distance, side="right"), view.character),
             view.agents,
         )
     return counts

@@ -18,14 +18,14 @@ def shot_facts(
     report: ShotReport,
     stored: StoredPlan,
     requested: Mapping[str, Any],
-    exceptions: Sequence[dict[str, Any]],
+    overrides: Sequence[dict[str, Any]],
     points: Sequence[BudgetPoint] = (),
 ) -> dict[str, Any]:
     """Return the fields `preview`, `left_out`, `frames`, `made_of` and `shot` of plan.json.
 
     They hold no times, so that two runs give the same file.
     requested: the settings of the plan: Extra Cost for Fewer Pops, and the budget.
-    exceptions: as plain data.
+    overrides: as plain data.
     points: which budgets are possible, by the pixels that LODs may deviate.
     """
     plan = report.plan
@@ -53,7 +53,7 @@ def shot_facts(
             "thresholds": _totals(shot, plan.thresholds),
             "curve": asdict(report.curve),
             "possible_budgets": [asdict(point) for point in points],
-            "exceptions": list(exceptions),
+            "overrides": list(overrides),
             "phases": {
                 "in_step": report.phases.in_step,
                 "in_step_at_random": report.phases.at_random,

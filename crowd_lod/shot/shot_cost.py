@@ -105,7 +105,7 @@ class Shot:
 
         It is the survey's `coarsest`. It is finer only where a switch in the next frame would
         change the picture by more than twice the pixels that the two LODs are allowed to show, and
-        never finer than exceptions allow.
+        never finer than overrides allow.
         """
         survey = self.survey
         allowed = np.where(survey.is_seen, survey.coarsest, UNSEEN).astype(np.uint8)

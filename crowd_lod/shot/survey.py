@@ -51,15 +51,15 @@ class Survey:
     rays: (F,) float64, samples of the pixels that agents cover (levels/cost_model.py).
     hidden: (F,) int64, how many agents scenery hides, and their shadows.
     entered: for each frame the agents (m,) intp that it shows, and that the near or the far clip
-        culled in the frame before, or an exception hid: they appear at once.
+        culled in the frame before, or an override hid: they appear at once.
     left: for each frame the agents (m,) intp that the frame before shows, and that the near or the
         far clip culls: they vanish at once.
     blurred: whether LODs of blurred agents deviate by more than the tolerance, as many pixels as
         these are blurred wide. Their `scale` counts as many pixels less in proportion.
     roles: what the characters play; None if no neighbors are to be found.
     encounters: of agents that are close neighbors.
-    finest, limit: (N,) uint8, the finest and the coarsest LOD that exceptions allow seen agents,
-        whatever the policy does; None without exceptions (shot/exceptions.py).
+    finest, limit: (N,) uint8, the finest and the coarsest LOD that overrides allow seen agents,
+        whatever the policy does; None without overrides (shot/overrides.py).
     """
 
     numbers: np.ndarray
@@ -150,7 +150,7 @@ def coarsest_within(scale: np.ndarray, bounds: np.ndarray, tolerance: float) -> 
 
 
 def at_tolerance(survey: Survey, bounds: np.ndarray, tolerance: float) -> Survey:
-    """Return the survey with the coarsest LODs within `tolerance` pixels, or that exceptions allow.
+    """Return the survey with the coarsest LODs within `tolerance` pixels, or that overrides allow.
 
     bounds: (G, K) meters, of each group's LODs, never decreasing along a row.
     """

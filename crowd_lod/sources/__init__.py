@@ -7,5 +7,5 @@ Walk        behavior/walk.py               the state machine on its map
 Recorded    sources/recorded.py            a file, or another program's simulation
 Points      sources/points.py              the points of an object in Blender
 Several     sources/several.py             several of these, one after the other
-Edited      sources/edited.py              one of these, changed by hand
+Overridden  sources/overridden.py          one of these, with overrides
 """

@@ -21,7 +21,7 @@ from ..crowd.state_machine import StateMachine
 from ..culling.camera import Camera
 from ..culling.frustum import frustum_of
 from ..culling.radar import RadarOptions, radar
-from ..levels.assignment import LevelPolicy, assign, limits
+from ..levels.assignment import LevelPolicy, assign, threshold_distances
 from ..world.maps import LabelMap
 from .convergence import measure_convergence, measure_drift, step_by_listing
 from .exact_behavior import follow_exactly
@@ -284,8 +284,8 @@ def _cull_by_radar(
     return radar(*view, center, radius, RadarOptions(delta))[0]
 
 
-def exact_limits(policy: LevelPolicy, camera: Camera, groups: int) -> list[list[F]]:
-    """Return `limits` of levels/assignment.py without rounding, one list per group.
+def exact_thresholds(policy: LevelPolicy, camera: Camera, groups: int) -> list[list[F]]:
+    """Return the meters of levels.threshold_distances without rounding, one list per group.
 
     Tolerance and `finest` of the policy do not count.
     """
@@ -297,13 +297,13 @@ def exact_limits(policy: LevelPolicy, camera: Camera, groups: int) -> list[list[
 
 
 def exact_levels(
-    crowd: Crowd, camera: Camera, center: np.ndarray, steps: list[list[F]], radial: bool
+    crowd: Crowd, camera: Camera, center: np.ndarray, thresholds: list[list[F]], radial: bool
 ) -> np.ndarray:
     """Return exact LOD ids, (n,) uint8.
 
     Rational arithmetic decides for agents whose distance is within float64's bound on rounding of
-    a step; float64 decides for the others.
-    steps: from `exact_limits`.
+    a threshold; float64 decides for the others.
+    thresholds: meters, from `exact_thresholds`.
     radial: distance from the camera, not along the view.
     """
     v = subtract_origin(crowd, camera, center, "float64")
@@ -312,7 +312,7 @@ def exact_levels(
         if radial
         else v[0] * camera.Z[0] + v[1] * camera.Z[1] + v[2] * camera.Z[2]
     )
-    near = np.array([[float(s) for s in row] for row in steps])[crowd.group]
+    near = np.array([[float(t) for t in row] for row in thresholds])[crowd.group]
     size = sum(map(np.abs, v)) + np.abs(camera.origin).sum()
     ids = (distance[:, None] >= near).sum(axis=1).astype(np.uint8)
     bound = 1e-13 * (size[:, None] + np.abs(near))
@@ -320,7 +320,8 @@ def exact_levels(
         w = _vector(crowd, camera, center, i)
         along = sum(p * F(float(q)) for p, q in zip(w, camera.Z, strict=True))
         square = sum(p * p for p in w)
-        ids[i] = sum(square >= s * s if radial else along >= s for s in steps[crowd.group[i]])
+        own = thresholds[crowd.group[i]]
+        ids[i] = sum(square >= t * t if radial else along >= t for t in own)
     return ids
 
 
@@ -371,7 +372,7 @@ def compare_levels(
             for (crowd, (camera,)), (distance, ids) in zip(moved_views, results, strict=True):
                 radial = camera.kind == "PANO"
                 truth = exact_levels(
-                    crowd, camera, center, exact_limits(policy, camera, len(radius)), radial
+                    crowd, camera, center, exact_thresholds(policy, camera, len(radius)), radial
                 )
                 wrong += int((ids != truth).sum())
                 for i in range(0, len(crowd), max(1, len(crowd) // SAMPLES)):
@@ -407,7 +408,7 @@ def distances_and_levels(
     crowd, (camera,) = view
     x, y, z = subtract_origin(crowd, camera, center, way)
     Z = camera.Z.astype(x.dtype)
-    bounds = limits(policy, camera, radius).astype(x.dtype)
+    thresholds = threshold_distances(policy, camera, radius).astype(x.dtype)
     radial = camera.kind == "PANO"
     distance = np.sqrt(x * x + y * y + z * z) if radial else x * Z[0] + y * Z[1] + z * Z[2]
-    return distance, assign(distance, bounds, crowd.group)
+    return distance, assign(distance, thresholds, crowd.group)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from ..culling.camera import Camera, referential, window
 from ..culling.radar import lost, radar
 from ..format import aligned
-from ..levels.assignment import LevelPolicy, assign, limits
+from ..levels.assignment import LevelPolicy, assign, threshold_distances
 from .culling_judge import CullingJudgment, judge_culling, standing_crowd
 from .exact_frustum import scatter
 
@@ -163,7 +163,7 @@ def table(most: int = 10_000_000, seed: int = 0) -> Iterator[Row]:
         started = clock.perf_counter()
         visible, distance = radar(crowd, camera, np.zeros(len(radius)), radius)
         policy = LevelPolicy((0.1, 0.15, 0.4, 1.0))
-        ids = assign(distance, limits(policy, camera, radius), group)
+        ids = assign(distance, threshold_distances(policy, camera, radius), group)
         spent = 1000 * (clock.perf_counter() - started)
         parts = (slice(begin, begin + PART) for begin in range(0, len(points), PART))
         verdict = sum(

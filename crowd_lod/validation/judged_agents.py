@@ -6,7 +6,7 @@ import numpy as np
 
 from ..culling.camera import Camera, Window
 from ..frame.frame import Frame
-from ..frame.planned import EXCEPTED, PINNED
+from ..frame.planned import OVERRIDDEN, PINNED
 from ..levels.assignment import pixels_of
 
 JUDGED = 10  # agents of a frame that are predicted worst, and as many others drawn by chance
@@ -138,12 +138,12 @@ def _apart(frame: Frame, candidates: _Candidates) -> list[str]:
     row = np.zeros(len(frame.crowd), np.uint8) if frame.plan_row is None else frame.plan_row
     row = row[candidates.agent]
     pinned = (row & PINNED != 0) & (candidates.pixels > BEYOND * candidates.allowed)
-    excepted = pinned & (row & EXCEPTED != 0)
+    overridden = pinned & (row & OVERRIDDEN != 0)
     fading = np.zeros(len(candidates.agent), bool)
     if frame.crowd.faded is not None:
         fading = frame.crowd.faded[candidates.agent] < 1
     return np.select(
-        [excepted, pinned, fading], [PINNED_APART, BLURRED_APART, FADING_APART], ""
+        [overridden, pinned, fading], [PINNED_APART, BLURRED_APART, FADING_APART], ""
     ).tolist()
 
 

@@ -151,7 +151,7 @@ def _empty(
     for prop in settings.bl_rna.properties:
         if prop.identifier not in KEPT and not prop.is_readonly:
             settings.property_unset(prop.identifier)
-    for name in ("crowds", "exceptions"):
+    for name in ("crowds", "overrides"):
         getattr(settings, name).clear()
     scene.animation_data_clear()
     scene.timeline_markers.clear()

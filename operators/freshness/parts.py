@@ -18,7 +18,7 @@ from ..characters.characters import GROUP, all_characters
 from ..characters.stored_groups import count_of
 from ..machine.scene_world import actions_named
 from ..scene.scene_crowd import SceneCrowd, read_crowd
-from ..scene.shot_exceptions import digest_of
+from ..scene.shot_overrides import digest_of
 from ..scene.shot_reference import ASKED, CAMERA, OVERRIDES, content_of, plan_inputs
 from ..settings.budgets import budget_of, budget_words, limits_levels
 from ..sources.crowd_parts import GROUPS

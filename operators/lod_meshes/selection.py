@@ -27,12 +27,12 @@ from ...crowd_lod.levels.selection import (
 )
 from ...crowd_lod.messages import Message
 from ...crowd_lod.progress import Workload, finished
-from ...crowd_lod.shot.exceptions import lod_limits
+from ...crowd_lod.shot.overrides import lod_limits
 from ..blender import scene_data
 from ..blender.cameras import reading_cameras
 from ..characters.holdings import holdings_of
 from ..scene.scene_crowd import SceneCrowd
-from ..scene.shot_exceptions import chosen_exemptions
+from ..scene.shot_overrides import chosen_overrides
 from ..settings.budgets import limits_levels
 
 MOST_FRAMES = 9  # of the shot, evenly, that are looked at
@@ -69,7 +69,7 @@ def views(crowd: SceneCrowd) -> Generator[float, None, list[GroupShot]]:
     trajectory = crowd.trajectory
     looked_at = _frames_looked_at(scene, settings)
     frames = scene_data.frames_of(scene)
-    exemptions = chosen_exemptions(crowd, frames) if limits_levels(settings) else ()
+    overrides = chosen_overrides(crowd, frames) if limits_levels(settings) else ()
     work = Workload(len(looked_at))
     cameras = yield from work.take(reading_cameras(scene, looked_at))
     center, radius = (
@@ -87,7 +87,7 @@ def views(crowd: SceneCrowd) -> Generator[float, None, list[GroupShot]]:
     for frame, eyes in zip(looked_at, cameras, strict=True):
         agents_then = trajectory.at(frame)
         visible, distance = radar(agents_then, eyes, center, radius)
-        finest, coarsest, hidden = lod_limits(exemptions, frame, len(agents_then))
+        finest, coarsest, hidden = lod_limits(overrides, frame, len(agents_then))
         if crowd.bias is not None:
             distance = distance * crowd.bias.at(agents_then.x, agents_then.y)
         for g, group_views in enumerate(views_of):

@@ -23,7 +23,7 @@ from ..freshness.artifacts import CROWD, news_of, stale
 from ..machine.scene_world import bias_of
 from ..scene.scene_crowd import SceneCrowd, policy_of, trajectory_of
 from ..scene.scene_occluders import occluders_of
-from ..scene.shot_exceptions import digest_of
+from ..scene.shot_overrides import digest_of
 from ..scene.shot_reference import reference, use_of
 from ..sources.crowd_parts import GROUPS
 from ..sources.crowd_sources import inputs_of, live

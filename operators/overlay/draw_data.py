@@ -112,7 +112,7 @@ def drawing(frame: Frame, style: Style = Style(), colors: Colors | None = None) 
     sizes = (radius / largest).astype(np.float32)[group]
     sizes[visible:] *= CULLED_SIZE
 
-    lines, line_colors = frustum_lines(frame.camera, frame.begins)
+    lines, line_colors = frustum_lines(frame.camera, frame.thresholds)
     return Drawing(
         origin=origin,
         agents=agents,
@@ -170,14 +170,14 @@ def _instances(frame: Frame, colors: Colors) -> tuple[np.ndarray, tuple, tuple]:
     return agents, tuple(tuple(int(value) for value in each) for each in draws), plays
 
 
-def frustum_lines(camera: Camera, begins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def frustum_lines(camera: Camera, thresholds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return (ends, colors) of the lines of the camera's frustum and LOD ranges.
 
     The lines are the frustum's edges, and a rectangle where each LOD begins, in its tint. Where
-    groups have other limits, a LOD has several rectangles. A panoramic camera has no lines.
+    groups have other thresholds, a LOD has several rectangles. A panoramic camera has no lines.
     Returns ends (m, 2, 3) float64, world meters, and colors (m, 2, 4) float32, linear RGBA.
 
-    begins: (G, n - 1) meters, see crowd_lod.levels.assignment.limits.
+    thresholds: (G, n - 1) meters, see crowd_lod.levels.assignment.threshold_distances.
     """
     if camera.kind == "PANO":
         return np.empty((0, 2, 3)), np.empty((0, 2, 4), np.float32)
@@ -185,7 +185,7 @@ def frustum_lines(camera: Camera, begins: np.ndarray) -> tuple[np.ndarray, np.nd
     far = frustum_corners(camera, camera.far)
     ends = [np.stack([near, far], axis=1), _ring(near), _ring(far)]
     colors = [FRUSTUM] * 3
-    for level, distances in enumerate(begins.T, start=1):
+    for level, distances in enumerate(thresholds.T, start=1):
         for distance in np.unique(distances[(distances > camera.near) & (distances <= camera.far)]):
             ends.append(_ring(frustum_corners(camera, distance)))
             colors.append((*TINTS[level], 1.0))

@@ -263,7 +263,7 @@ class Proof:
 
 
 def everyone_there(planned: Frame) -> np.ndarray:
-    """Return all agents that are there, (m,) intp; who is hidden by an exception is not."""
+    """Return all agents that are there, (m,) intp; who is hidden by an override is not."""
     there = np.isfinite(planned.crowd.places()).all(axis=0) & (planned.visible | planned.culled)
     if planned.plan_row is not None:
         there &= planned.plan_row & HIDDEN == 0

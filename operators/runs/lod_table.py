@@ -36,14 +36,15 @@ AZIMUTH = np.radians(35)  # of the picture's eye, from where the character faces
 
 
 def tables(
-    crowd: SceneCrowd, camera: Camera, begins: np.ndarray, folder: Path
+    crowd: SceneCrowd, camera: Camera, thresholds: np.ndarray, folder: Path
 ) -> Generator[float, None, list[dict[str, Any]]]:
     """Describe the LODs of all groups: yield the progress, return a dict per group.
 
     A LOD that a group repeats, because others have more, has one row. Pictures levels_NAME.png of
     the first MOST_SHOWN groups are written to `folder`. Silhouettes are measured for these alone.
 
-    begins: (G, n - 1) meters from `camera` where each group's LODs begin (see assignment.limits).
+    thresholds: (G, n - 1) meters from `camera` where each group's LODs begin
+        (see assignment.threshold_distances).
     """
     entries = []
     file_names: set[str] = set()
@@ -53,7 +54,7 @@ def tables(
     pictured = len(groups[:MOST_SHOWN])
     work = Workload((MEASURED + DRAWN) * pictured)
     for g, (group, (_, objects, origin)) in enumerate(zip(groups, crowd.characters, strict=True)):
-        character = _Pictured(scene, group, g, camera, begins[g], np.array(origin), objects)
+        character = _Pictured(scene, group, g, camera, thresholds[g], np.array(origin), objects)
         entry = {
             "group": group.name,
             "diagonal_m": scene_data.meters(scene) * group.diagonal,
@@ -85,7 +86,7 @@ class _Pictured:
     """A character group whose LODs are described.
 
     g: its number.
-    begins: (n - 1,) meters from `camera` where its LODs begin.
+    thresholds: (n - 1,) meters from `camera` where its LODs begin.
     origin: (3,) meters, where its character stands.
     objects: its character's objects.
     """
@@ -94,7 +95,7 @@ class _Pictured:
     group: Group
     g: int
     camera: Camera
-    begins: np.ndarray
+    thresholds: np.ndarray
     origin: np.ndarray
     objects: Sequence[bpy.types.Object]
 
@@ -116,7 +117,7 @@ class _Pictured:
         """Return the row of each LOD, without what is measured."""
         meters = scene_data.meters(self.scene)
         rows = [
-            _row(self.group, k, meshes, self.camera, self.begins, meters)
+            _row(self.group, k, meshes, self.camera, self.thresholds, meters)
             | _worst(self.group, k, self.performance)
             for k, meshes in enumerate(self.meshes)
         ]
@@ -157,7 +158,7 @@ class _Pictured:
 
         predicted: pixels that it should be off.
         """
-        distance = _distance(self.camera, self.begins[k - 1], self.group.radius)
+        distance = _distance(self.camera, self.thresholds[k - 1], self.group.radius)
         character, levels = posed.at(self.group.worst[k])
         if distance is None or character is None or levels[k] is None:
             self.performance.rest()
@@ -212,10 +213,10 @@ def _row(
     k: int,
     meshes: list[bpy.types.Object],
     camera: Camera,
-    begins: np.ndarray,
+    thresholds: np.ndarray,
     meters: float,
 ) -> dict:
-    begin = begins[k - 1] if k else 0.0
+    threshold = thresholds[k - 1] if k else 0.0
     deviation = group.deviations[k]
     notes = {
         key: [item[f"crowd_lod_{key}"] for item in meshes if f"crowd_lod_{key}" in item]
@@ -232,10 +233,10 @@ def _row(
         "deviation_bound_mm": 1000 * meters * group.bounds[k],
         "rms_mm": 1000 * meters * group.rms[k],
         "percent": 100 * deviation / group.diagonal,
-        "from_m": meters * float(begin) if np.isfinite(begin) else None,
-        "begins": "never" if begin == np.inf else "anywhere" if begin == -np.inf else "at",
-        "predicted_px": _known(pixels_of(group.bounds[k], begin, camera, group.radius))
-        if k and begin < np.inf
+        "from_m": meters * float(threshold) if np.isfinite(threshold) else None,
+        "begins": "never" if threshold == np.inf else "anywhere" if threshold == -np.inf else "at",
+        "predicted_px": _known(pixels_of(group.bounds[k], threshold, camera, group.radius))
+        if k and threshold < np.inf
         else None,
         "measured_px": None,
         "measured_px_between": None,
@@ -273,14 +274,14 @@ def _known(number) -> float | None:
     return float(number) if np.isfinite(number) else None
 
 
-def _distance(camera: Camera, begin: float, radius: float) -> float | None:
-    """Return from how many meters to look at a LOD that begins at `begin`, or None.
+def _distance(camera: Camera, threshold: float, radius: float) -> float | None:
+    """Return from how many meters to look at a LOD that begins at `threshold`, or None.
 
     None where it never begins, or begins inside the bounding sphere.
     """
-    if camera.kind == "ORTHO" and begin < np.inf:
+    if camera.kind == "ORTHO" and threshold < np.inf:
         return 10 * radius  # the picture is the same from anywhere
-    return float(begin) if radius < begin < np.inf else None
+    return float(threshold) if radius < threshold < np.inf else None
 
 
 def _file_name(name: str, g: int, names: set[str]) -> str:

@@ -162,7 +162,7 @@ def _picture(
         if sharing.part is None:  # while other processes make frames
             first = yield from work.take(run.at_first())
             legends = legends_of(run.on.task.color, first)
-            describing = lod_table.tables(run.crowd, first.camera, first.begins, run.folder)
+            describing = lod_table.tables(run.crowd, first.camera, first.thresholds, run.folder)
             lods = yield from work.take(unsure(describing), _describing_seconds(run.crowd))
         making = make_frames(parts, frames, sharing, run.shots.prepare, run.shoot, helpers)
         pictured = yield from work.take(making, work.left)

@@ -131,7 +131,7 @@ def _frustum(frame: Frame, view: Camera) -> tuple[np.ndarray, np.ndarray]:
 
     The ribbons face `view`.
     """
-    ends, colors = frustum_lines(frame.camera, frame.begins)
+    ends, colors = frustum_lines(frame.camera, frame.thresholds)
     along = ends[:, 1] - ends[:, 0]
     aside = np.cross(along, view.Z)
     length = np.linalg.norm(aside, axis=1, keepdims=True)

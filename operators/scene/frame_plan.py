@@ -43,7 +43,7 @@ def moment_now(
 def frame_of(crowd: SceneCrowd, moment: SceneMoment) -> Frame:
     """Return the plan of the crowd, with the LODs of the scene's shot plan if it has one."""
     use = use_of(crowd, moment.time, moment.eyes)
-    # hidden agents cast no shadow, so exceptions come last
+    # hidden agents cast no shadow, so overrides come last
     return use.applied(frame_by_policy(crowd, moment))
 
 

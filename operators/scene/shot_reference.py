@@ -18,7 +18,7 @@ from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.frame.frame_range import shot_frames
 from ...crowd_lod.frame.planned import numbers_of, same_cameras, with_row
 from ...crowd_lod.npz_file import read_checksums
-from ...crowd_lod.shot.exceptions import Exemption, alone
+from ...crowd_lod.shot.overrides import LodOverride, override_frame
 from ...crowd_lod.shot.phases import Phases
 from ...crowd_lod.shot.plan_file import AGAIN, StoredPlan, read
 from ...crowd_lod.sources.trajectory import Trajectory
@@ -27,10 +27,10 @@ from ..blender.cameras import reading_cameras
 from ..blender.output_folders import full_path
 from ..blender.provenance import differences, name_inputs, text_digest
 from ..characters.character_provenance import character_inputs
-from ..sources import hand_edits
+from ..sources import crowd_overrides
 from .scene_crowd import SceneCrowd
 from .scene_occluders import scenery_digest
-from .shot_exceptions import digest_of, exceptions_by_number
+from .shot_overrides import digest_of, overrides_by_number
 
 # Plans by path, time of change and size.
 _stored: dict[tuple, StoredPlan] = scene_cache.add_cache({})
@@ -48,24 +48,24 @@ class Use:
     """How a frame uses the scene's shot plan.
 
     row: (n,) uint8, of the plan's file; None if the plan gives no LODs.
-    unplanned: sentences on why the plan gives none, and on exceptions that are wrong; "" without.
-    exceptions: those that hold without the plan, in the frame `number` of the timeline.
+    unplanned: sentences on why the plan gives none, and on overrides that are wrong; "" without.
+    overrides: those that hold without the plan, in the frame `number` of the timeline.
     phases: the plan's phase classes, which hold for the same crowd whatever the camera.
     """
 
     row: np.ndarray | None = None
     unplanned: str = ""
-    exceptions: tuple[Exemption, ...] = ()
+    overrides: tuple[LodOverride, ...] = ()
     number: float = 0.0
     phases: Phases | None = None
 
     def applied(self, frame: Frame) -> Frame:
-        """Return `frame` with the plan's phases, and its LODs or else those of the exceptions."""
+        """Return `frame` with the plan's phases, and its LODs or else those of the overrides."""
         if self.phases is not None:
             crowd = self.phases.applied(frame.crowd, frame.trajectory.gaits)
             frame = replace(frame, crowd=crowd)
         frame = (
-            alone(frame, self.exceptions, self.number)
+            override_frame(frame, self.overrides, self.number)
             if self.row is None
             else with_row(frame, self.row)
         )
@@ -116,17 +116,17 @@ def stored_plan(settings) -> StoredPlan | None:
 def use_of(crowd: SceneCrowd, time: float, eyes: Sequence[Camera]) -> Use:
     """Return how the frame at `time` uses the shot plan of the crowd's scene.
 
-    Without a plan that holds, the frame has the settings' exceptions.
+    Without a plan that holds, the frame has the settings' overrides.
 
     time: in frames of the animation.
     eyes: the frame's cameras; none for a view that has no plan.
     """
     row, why = _row(crowd, time, eyes) if eyes else (None, "")
-    exceptions, wrong = exceptions_by_number(crowd)
-    wrong = [*hand_edits.troubles_of(crowd.scene), *wrong]
+    overrides, wrong = overrides_by_number(crowd)
+    wrong = [*crowd_overrides.troubles_of(crowd.scene), *wrong]
     number = time / scene_data.remap(crowd.scene.render, 1.0)
     unplanned = " ".join(filter(None, [why, *dict.fromkeys(wrong)]))
-    return Use(row, unplanned, exceptions, number, _phases_of(crowd))
+    return Use(row, unplanned, overrides, number, _phases_of(crowd))
 
 
 def _phases_of(crowd: SceneCrowd) -> Phases | None:
@@ -249,7 +249,7 @@ def plan_inputs(crowd: SceneCrowd) -> dict[str, str]:
         "the detail map": _digest(
             "" if bias is None else f"{bias.area}", b"" if bias is None else bias.values.tobytes()
         ),
-        # with the crowd's own digests these tell the edits, too
+        # with the crowd's own digests these tell the overrides, too
         OVERRIDES: _digest(digest_of(crowd.settings)),
     }
     of_scene = character_inputs(crowd.scene) | scenery_digest(crowd.scene)

@@ -64,13 +64,13 @@ def points(scene: bpy.types.Scene) -> str:
     return "" if found else "Choose the object whose points are the agents"
 
 
-def exceptions(scene: bpy.types.Scene) -> str:
-    return "" if len(scene.crowd_lod.exceptions) else "There are no overrides"
+def overrides(scene: bpy.types.Scene) -> str:
+    return "" if len(scene.crowd_lod.overrides) else "There are no overrides"
 
 
 def place(scene: bpy.types.Scene) -> str:
     settings = scene.crowd_lod
-    if not 0 <= settings.exception_index < len(settings.exceptions):
+    if not 0 <= settings.override_index < len(settings.overrides):
         return "Select an override in the list"
-    by = settings.exceptions[settings.exception_index].chosen_by
+    by = settings.overrides[settings.override_index].chosen_by
     return "" if by != "NUMBERS" else "Agents are found by a region: set Agents By"

@@ -17,7 +17,7 @@ from .properties import ALL, CrowdLodSettings
 from .threshold_order import note_thresholds
 
 # settings that say what the user looks at now: no preset holds them
-PASSING = {"overlay", "agent", "exception_index", "use_shot_plan"}
+PASSING = {"overlay", "agent", "override_index", "use_shot_plan"}
 
 
 def setting_names() -> list[str]:

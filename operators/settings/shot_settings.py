@@ -8,7 +8,7 @@ from ..blender.labeled_properties import (
     StringProperty,
 )
 from ..blender.output_folders import BLEND_NAME
-from .exception_settings import CrowdLodException
+from .override_settings import CrowdLodOverride
 from .setting_changes import settings_changed
 
 
@@ -76,13 +76,13 @@ class PlanSettings:
         default=True,
         description="Overlay, Preview, Build and Bake show the LODs of the shot plan",
     )
-    exceptions: CollectionProperty(
-        type=CrowdLodException,
+    overrides: CollectionProperty(
+        type=CrowdLodOverride,
         name="Overrides",
         description="From the crowd and its LODs as they follow from the settings; of two for the "
         "same agent, the lower one holds",
     )
-    exception_index: IntProperty(
+    override_index: IntProperty(
         name="Override", min=0, description="The override that is selected in the list"
     )
 

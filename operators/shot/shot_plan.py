@@ -23,8 +23,8 @@ from ...crowd_lod.shot.budget import BudgetPlan, decide_within
 from ...crowd_lod.shot.budget_points import BudgetPoint, budget_sentence, find_points, fitting_point
 from ...crowd_lod.shot.coloring import PhasePlan, plan_phases
 from ...crowd_lod.shot.curve import curve_of
-from ...crowd_lod.shot.exceptions import Exemption, excepted, marked
 from ...crowd_lod.shot.meetings import strides_of
+from ...crowd_lod.shot.overrides import LodOverride, override_levels, override_survey
 from ...crowd_lod.shot.phases import recast
 from ...crowd_lod.shot.shot_cost import Shot, meshes_of
 from ...crowd_lod.shot.survey import Survey
@@ -45,7 +45,7 @@ from ..lod_meshes.level_objects import TINTS
 from ..lod_meshes.make_lods import make_levels
 from ..scene import shot_reference
 from ..scene.scene_crowd import SceneCrowd, characters_of, check_levels, policy_of, read_crowd
-from ..scene.shot_exceptions import exemptions_of
+from ..scene.shot_overrides import overrides_of
 from ..settings import needs
 from ..settings.budgets import budget_of, possible_budgets
 from ..sources.crowd_sources import check_recorded
@@ -87,7 +87,7 @@ class PlannedShot:
     stored: plan_file.StoredPlan
     report: ShotReport
     request: PlanRequest
-    exemptions: tuple[Exemption, ...] = ()
+    overrides: tuple[LodOverride, ...] = ()
     points: tuple[BudgetPoint, ...] = ()
 
 
@@ -121,7 +121,7 @@ def _plan_ready(crowd: SceneCrowd, request: PlanRequest) -> Generator[float, Non
     work = Workload(SURVEY + COLORING + decision + REPORT + POINTS)
     trajectory = crowd.trajectory
     tolerance = crowd.policy.tolerance
-    exemptions = exemptions_of(crowd, request.frames)
+    overrides = overrides_of(crowd, request.frames)
     yield from work.take(character_provenance.reading(crowd.scene))
     made_of = shot_reference.plan_inputs(crowd) | request_parts(
         crowd.scene, request.frames, request.avoid, request.budget
@@ -137,7 +137,7 @@ def _plan_ready(crowd: SceneCrowd, request: PlanRequest) -> Generator[float, Non
     phases = yield from work.take(run_steps_in_thread(coloring), COLORING)
     casting = run_in_thread(lambda: recast(through.survey, phases.phases))
     survey = yield from work.take(casting)
-    shot = yield from work.take(_shot_of(crowd, excepted(survey, exemptions)))
+    shot = yield from work.take(_shot_of(crowd, override_survey(survey, overrides)))
     deciding = run_steps_in_thread(decide_within(shot, request.budget, request.avoid))
     plan = yield from work.take(deciding, decision)
     report = yield from work.take(_report_on(crowd, through, phases, shot, plan), REPORT)
@@ -154,7 +154,7 @@ def _plan_ready(crowd: SceneCrowd, request: PlanRequest) -> Generator[float, Non
         cast=(yield from work.take(needed)),
         blend_file=printable(Path(bpy.data.filepath).name),
     )
-    return PlannedShot(crowd, shot, plan, stored, report, request, exemptions, points)
+    return PlannedShot(crowd, shot, plan, stored, report, request, overrides, points)
 
 
 def _shot_of(crowd: SceneCrowd, survey: Survey) -> Generator[float, None, Shot]:
@@ -275,7 +275,7 @@ def write_levels(folder: Path, planned: PlannedShot) -> None:
     levels = planned.plan.levels
     pinned = PINNED if planned.plan.tolerance or planned.shot.survey.blurred else 0
     rows = (
-        marked(cells.row(levels, f) | pinned, number, planned.exemptions)
+        override_levels(cells.row(levels, f) | pinned, number, planned.overrides)
         for f, number in enumerate(planned.stored.numbers.tolist())
     )
     plan_file.write(folder / plan_file.NAME, planned.stored, rows)
@@ -284,8 +284,8 @@ def write_levels(folder: Path, planned: PlannedShot) -> None:
 def shot_json(planned: PlannedShot) -> dict[str, Any]:
     """Return what plan.json tells of the shot."""
     requested = requested_of(planned.request)
-    exceptions = [exemption.as_json for exemption in planned.exemptions]
-    return shot_facts(planned.report, planned.stored, requested, exceptions, planned.points)
+    overrides = [override.as_json for override in planned.overrides]
+    return shot_facts(planned.report, planned.stored, requested, overrides, planned.points)
 
 
 def requested_of(request: PlanRequest) -> dict[str, Any]:

@@ -26,7 +26,7 @@ from ...crowd_lod.world.terrain import Ground, Terrain
 from ..blender import image_data, scene_cache, scene_data, stored_values
 from ..machine import terrain_source
 from ..machine.scene_world import area_of, heights_of, machine_of, names_in, world_of
-from . import hand_edits, start_source, tracks_source
+from . import crowd_overrides, start_source, tracks_source
 from .points_source import points_of_crowd
 
 # Trajectories by the digest of all they depend on.
@@ -56,14 +56,14 @@ def inputs_of(scene: bpy.types.Scene) -> tuple:
         *images,
         scene.render.fps,
         scene.render.fps_base,
-        hand_edits.edit_inputs(scene.crowd_lod),
+        crowd_overrides.override_inputs(scene.crowd_lod),
     )
 
 
 def combine_crowds(
     scene: bpy.types.Scene, groups: tuple[Group, ...], depsgraph: bpy.types.Depsgraph | None = None
 ) -> Trajectory:
-    """Return the trajectory of all crowds of `scene`, with what is edited by hand.
+    """Return the trajectory of all crowds of `scene`, with their overrides.
 
     CrowdError if a setting of a crowd is bad.
 
@@ -76,7 +76,7 @@ def combine_crowds(
     groups = cover_wardrobes(tuple(map(cover_sizes, groups)))
     members = [_member(scene, k, crowd, groups, depsgraph) for k, crowd in enumerate(crowds)]
     if len(members) == 1 and crowds[0].use_crowd:
-        return _dressed(scene, hand_edits.with_edits(scene, members[0]))
+        return _dressed(scene, crowd_overrides.with_overrides(scene, members[0]))
     key = *members, *((crowd.name, crowd.use_crowd) for crowd in crowds)
     cached = _together.get(scene.session_uid)
     if cached is None or cached[0] != key:
@@ -84,7 +84,7 @@ def combine_crowds(
             members, [crowd.name for crowd in crowds], [crowd.use_crowd for crowd in crowds]
         )
         cached = _together[scene.session_uid] = key, several
-    return _dressed(scene, hand_edits.with_edits(scene, cached[1]))
+    return _dressed(scene, crowd_overrides.with_overrides(scene, cached[1]))
 
 
 def _dressed(scene: bpy.types.Scene, agents: Trajectory) -> Trajectory:

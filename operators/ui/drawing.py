@@ -81,7 +81,7 @@ def length(context, units: float) -> str:
 
 
 def distance(context, units: float | None) -> str:
-    """Return a distance of `limits`, where a LOD begins, as text; "-" for None."""
+    """Return the distance where a LOD begins as text; "-" for None."""
     if units is None:
         return "-"
     return (

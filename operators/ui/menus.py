@@ -4,7 +4,7 @@ import bpy
 
 from ... import sample_scenes
 from ..blender.labeled_properties import CONTEXT
-from .agent_edits import BUTTONS
+from .agent_overrides import BUTTONS
 
 WORK = (
     "characters_from_selection",
@@ -19,7 +19,7 @@ WORK = (
     "render_viewport",
     "plan_shot",
     "go_to_switch",
-    "except_agent",
+    "add_agent_override",
     "erase",
     "find_agents",
     "preview",
@@ -46,7 +46,7 @@ class CROWDLOD_MT_work(bpy.types.Menu):
             self.layout.operator(f"crowd_lod.{name}")
         for kind, (text, icon) in BUTTONS.items():
             self.layout.operator(
-                "crowd_lod.edit_agent", text=f"{text} Picked Agent", icon=icon, translate=False
+                "crowd_lod.override_agent", text=f"{text} Picked Agent", icon=icon, translate=False
             ).kind = kind
 
 

@@ -18,7 +18,7 @@ from ..runs.update_all import due_steps
 from ..settings import needs
 from ..sources.jupedsim_run import has_jupedsim
 from . import steps
-from .agent_edits import draw_edits
+from .agent_overrides import draw_agent_overrides
 from .crowd_list import MOVERS, draw_behavior, draw_ground, draw_simulation, draw_source
 from .drawing import (
     LOD_COLORS,
@@ -344,7 +344,7 @@ class CROWDLOD_PT_overlay(StepPanel, bpy.types.Panel):
         row = column.row(align=True)
         row.prop(settings, "agent")
         row.operator("crowd_lod.inspect", text="", icon="EYEDROPPER")
-        draw_edits(column)
+        draw_agent_overrides(column)
         column.operator("crowd_lod.render_viewport", icon="RENDER_STILL")
 
 

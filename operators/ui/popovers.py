@@ -103,8 +103,10 @@ class CROWDLOD_PT_statistics(_Popover, bpy.types.Panel):
         for g, group in enumerate(settings.groups[: max(1, 2 * MOST_ROWS // count)]):
             rows = []
             for k in (k for k in range(count) if group.triangles[k]):
-                begin = (
-                    frame.begins[g, k - 1] if current and k and frame.begins.shape[1] >= k else None
+                threshold = (
+                    frame.thresholds[g, k - 1]
+                    if current and k and frame.thresholds.shape[1] >= k
+                    else None
                 )
                 deviates = (
                     f"{number(1000 * scene_data.meters(context.scene) * group.deviations[k])} mm"
@@ -112,7 +114,9 @@ class CROWDLOD_PT_statistics(_Popover, bpy.types.Panel):
                     else "-"
                 )
                 name = f"LOD {k}, given" if _is_given(settings.levels, k, g) else f"LOD {k}"
-                rows.append((name, f"{group.triangles[k]:,}", deviates, distance(context, begin)))
+                rows.append(
+                    (name, f"{group.triangles[k]:,}", deviates, distance(context, threshold))
+                )
             table(self.layout, (group.name, "Triangles", "Deviates", "From"), rows)
         dropped = from_json(settings.dropped)
         if settings.choice == "BY_TOLERANCE" and dropped:

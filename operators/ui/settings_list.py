@@ -1,4 +1,4 @@
-"""Lists of the settings in the sidebar, such as the exceptions, and their buttons."""
+"""Lists of the settings in the sidebar, such as the overrides, and their buttons."""
 
 import bpy
 
@@ -9,8 +9,8 @@ from ..blender.operator import Reporting
 class Listed(Reporting):
     """Mix-in for a button of a list.
 
-    kind: what a row is, such as "exception". Then the scene's settings have the rows as
-        `exceptions`, and what `holder` returns has the selected row's index as `exception_index`.
+    kind: what a row is, such as "override". Then the scene's settings have the rows as
+        `overrides`, and what `holder` returns has the selected row's index as `override_index`.
     """
 
     kind = ""

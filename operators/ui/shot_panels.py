@@ -19,7 +19,7 @@ from ..scene.plan_verdict import verdict_in_words
 from ..settings import needs
 from ..settings.budgets import LIMITS, budget_of, possible_budgets
 from ..settings.cost_table import costs_of
-from ..sources.hand_edits import EDITS
+from ..sources.crowd_overrides import CROWD_KINDS
 from ..usd.openusd import missing_openusd
 from . import steps
 from .drawing import active_column, button, label, letters_of, limit, paragraph, wide
@@ -99,19 +99,19 @@ def _possible_budgets(context, layout, settings) -> None:
     )
 
 
-class CROWDLOD_PT_exceptions(StepPanel, bpy.types.Panel):
+class CROWDLOD_PT_overrides(StepPanel, bpy.types.Panel):
     bl_label = "Overrides"
     bl_parent_id = "CROWDLOD_PT_plan"
 
     def body(self, context, layout, settings) -> None:
-        draw_list(layout, settings, "exception", settings)
-        layout.operator("crowd_lod.except_agent", icon="EYEDROPPER")
+        draw_list(layout, settings, "override", settings)
+        layout.operator("crowd_lod.add_agent_override", icon="EYEDROPPER")
         layout.operator("crowd_lod.erase", icon="SELECT_SUBTRACT")
-        if settings.exception_index < len(settings.exceptions):
-            self.entry(layout, settings.exceptions[settings.exception_index])
+        if settings.override_index < len(settings.overrides):
+            self.entry(layout, settings.overrides[settings.override_index])
 
     def entry(self, layout, entry) -> None:
-        """Draw the settings of the selected exception."""
+        """Draw the settings of the selected override."""
         column = active_column(layout, entry.use)
         column.prop(entry, "kind")
         if entry.kind == "GROUP":
@@ -124,7 +124,7 @@ class CROWDLOD_PT_exceptions(StepPanel, bpy.types.Panel):
         column.prop(entry, "region" if entry.chosen_by == "REGION" else "agents")
         by_place = active_column(column, entry.chosen_by != "NUMBERS")
         by_place.operator("crowd_lod.find_agents", icon="VIEWZOOM")
-        span = active_column(column, entry.kind not in EDITS)
+        span = active_column(column, entry.kind not in CROWD_KINDS)
         span.prop(entry, "all_frames")
         frames = active_column(span, not entry.all_frames)
         frames.prop(entry, "first_frame")
@@ -327,7 +327,7 @@ def _draw_lack(layout, lack: Lack, letters: int) -> None:
 CLASSES = (
     CROWDLOD_PT_plan,
     CROWDLOD_PT_budget,
-    CROWDLOD_PT_exceptions,
+    CROWDLOD_PT_overrides,
     CROWDLOD_PT_plan_output,
     CROWDLOD_PT_preview,
     CROWDLOD_PT_build,

@@ -93,9 +93,13 @@ def test_at_the_switch_distance_the_bound_spans_the_tolerance_in_blender_s_own_c
         render.resolution_y = width * 9 // 16
         bpy.context.view_layer.update()
         frame = frame_now(made, bpy.context.evaluated_depsgraph_get())
-        for group, begins in zip(stored_groups.groups_of(settings), frame.begins, strict=True):
-            for meters, begin in zip(group.bounds[1:], begins[np.isfinite(begins)], strict=False):
-                depth = -(begin - group.radius)  # of the sphere's nearest point
+        for group, thresholds in zip(
+            stored_groups.groups_of(settings), frame.thresholds, strict=True
+        ):
+            for meters, threshold in zip(
+                group.bounds[1:], thresholds[np.isfinite(thresholds)], strict=False
+            ):
+                depth = -(threshold - group.radius)  # of the sphere's nearest point
                 ends = [
                     world_to_camera_view(made, camera, Vector((x, 0, depth))) for x in (0, meters)
                 ]
@@ -110,7 +114,7 @@ def test_tolerance_reaches_the_frame_and_a_wrong_one_is_refused(made):
     settings.tolerance = 4
     four = frame_now(made, depsgraph)
     assert (four.levels >= one.levels).all() and four.triangles < one.triangles
-    assert (np.diff(one.begins, axis=1) >= 0).all()
+    assert (np.diff(one.thresholds, axis=1) >= 0).all()
     for wrong in (0, float("nan")):
         settings.tolerance = wrong
         with pytest.raises(CrowdError, match="tolerance"):

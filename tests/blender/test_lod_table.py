@@ -31,7 +31,7 @@ from ..support.scene_frames import frame_now
 def tables_of(scene, folder):
     """The tables of `scene` as its camera sees it, and the frame."""
     frame = frame_now(scene, bpy.context.evaluated_depsgraph_get())
-    steps = lod_table.tables(scene_crowd.read_crowd(scene), frame.camera, frame.begins, folder)
+    steps = lod_table.tables(scene_crowd.read_crowd(scene), frame.camera, frame.thresholds, folder)
     progress = []
     while True:
         try:
@@ -60,23 +60,23 @@ def test_rendered_silhouettes_stay_within_what_the_deviation_predicts(
     tables, frame = tables_of(scene, tmp_path)
     assert [each["group"] for each in tables] == ["child"]
     checked = 0
-    for each, group, begins in zip(
-        tables, stored_groups.groups_of(settings), frame.begins, strict=True
+    for each, group, thresholds in zip(
+        tables, stored_groups.groups_of(settings), frame.thresholds, strict=True
     ):
         assert each["levels"][0]["deviation_mm"] == 0 and len(each["levels"]) == len(
             set(group.triangles)
         )
         assert each["levels"][-1]["to_lod"] == len(group.triangles) - 1
-        for row, begin in zip(each["levels"][1:], begins, strict=False):
+        for row, threshold in zip(each["levels"][1:], thresholds, strict=False):
             assert row["deviation_mm"] == pytest.approx(1000 * group.deviations[row["lod"]])
             assert row["percent"] == pytest.approx(
                 100 * group.deviations[row["lod"]] / group.diagonal
             )
             if kind == "PERSP":
                 pixels = scene.camera.data.lens / scene.camera.data.sensor_width * 1920
-                assert row["from_m"] == begin
+                assert row["from_m"] == threshold
                 assert row["predicted_px"] == pytest.approx(
-                    group.bounds[row["lod"]] * pixels / (begin - group.radius), rel=1e-6
+                    group.bounds[row["lod"]] * pixels / (threshold - group.radius), rel=1e-6
                 )
             if row["predicted_px"] is not None:
                 least, most = row["measured_px_between"]
@@ -211,7 +211,7 @@ def test_a_preview_by_tolerance_leaves_the_report(scene, tmp_path, capfd):
     settings.tolerance = 2
     stored_groups.store_groups(settings, group_measuring.measure_groups(scene))
     list(make_levels(scene))
-    begins = frame_now(scene, bpy.context.evaluated_depsgraph_get()).begins
+    thresholds = frame_now(scene, bpy.context.evaluated_depsgraph_get()).thresholds
     groups = stored_groups.groups_of(settings)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "crowd.blend"))
     words = [
@@ -227,10 +227,12 @@ def test_a_preview_by_tolerance_leaves_the_report(scene, tmp_path, capfd):
     ]
     assert commands.run_command([*map(str, words), "--tolerance", "2"], "crowd-lod") == 0
     plan = json.loads((tmp_path / "out" / "plan.json").read_text())
-    for told, begin, group in zip(plan["levels"]["characters"], begins, groups, strict=True):
+    for told, threshold, group in zip(
+        plan["levels"]["characters"], thresholds, groups, strict=True
+    ):
         # the sidebar's figures: of the scene's own renders, in its unit
         assert [row["from_m"] for row in told["levels"][1:]] == pytest.approx(
-            0.01 * begin[: len(told["levels"]) - 1]
+            0.01 * threshold[: len(told["levels"]) - 1]
         )
         for row in told["levels"]:
             assert row["deviation_mm"] == pytest.approx(10 * group.deviations[row["lod"]])

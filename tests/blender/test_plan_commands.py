@@ -26,7 +26,7 @@ def planned(levelled, tmp_path, capfd):
     """
     levelled.frame_set(3)
     seen = frame_now(levelled, bpy.context.evaluated_depsgraph_get()).visible
-    entry = levelled.crowd_lod.exceptions.add()
+    entry = levelled.crowd_lod.overrides.add()
     entry.name = "Gone"
     entry.kind = "HIDE"
     entry.agents = str(seen.argmax())

@@ -76,7 +76,7 @@ def test_make_heeds_memory_and_overrides(planned):
         finished(make_levels(planned))
     settings.budget_memory = 0
     settings.budget_triangles = 60
-    entry = settings.exceptions.add()
+    entry = settings.overrides.add()
     entry.kind = "ALWAYS"
     entry.level = 0
     entry.agents = "0-5"

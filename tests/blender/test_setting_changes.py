@@ -24,7 +24,7 @@ def test_every_setting_counts_also_those_of_groups_and_texts(scene):
         lambda: setattr(settings, "overlay_color", "STATE"),
         lambda: setattr(settings.groups[1], "own_thresholds", True),
         lambda: settings.groups[1].thresholds.__setitem__(0, 0.3),
-        lambda: settings.exceptions.add(),
+        lambda: settings.overrides.add(),
         lambda: setattr(settings, "characters", None),
         lambda: text.write("{"),
     ):

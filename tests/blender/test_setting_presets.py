@@ -123,7 +123,7 @@ OPERATORS = [
 ]
 ALWAYS = {
     "add_area",
-    "add_exception",
+    "add_override",
     "help",
     "machine_import",
     "machine_preset",
@@ -158,7 +158,7 @@ def test_no_poll_raises_without_a_scene():
 # what Populate and the handlers write; and lists, which have buttons of their own
 # avoid_pops is drawn in percent
 NOT_DRAWN = {"points_count", "start_places", "terrain_mesh", "areas_image", "avoid_pops"}
-LISTED = {"areas", "exceptions", "exception_index"}
+LISTED = {"areas", "overrides", "override_index"}
 BUDGETS = {setting for setting, _, _ in LIMITS.values()}  # drawn from that table
 
 

@@ -44,8 +44,8 @@ def striped(monkeypatch):
     return scene
 
 
-def begins(scene):
-    return frame_now(scene, bpy.context.evaluated_depsgraph_get()).begins[0]
+def thresholds(scene):
+    return frame_now(scene, bpy.context.evaluated_depsgraph_get()).thresholds[0]
 
 
 def shift(scene, level, by):
@@ -60,26 +60,26 @@ def shift(scene, level, by):
 @pytest.mark.once
 def test_a_lod_that_shades_differently_begins_farther_off(striped):
     settings = striped.crowd_lod
-    before = begins(striped)
+    before = thresholds(striped)
     assert len(before) >= 1
     settings.shading_counts = True
     with pytest.raises(CrowdError, match="press Make LOD Meshes"):
-        begins(striped)
+        thresholds(striped)
     list(measure_levels(striped))
     np.testing.assert_array_equal(
-        begins(striped), before
+        thresholds(striped), before
     )  # they look like the character where they begin
     shift(striped, 1, 1 / 8)
     list(measure_levels(striped))
     (group,) = groups_of(settings)
     camera = frame_now(striped, bpy.context.evaluated_depsgraph_get()).camera
     assert group.shaded[1] > 0 and set(group.shaded) - {group.shaded[1]} == {0.0}
-    assert begins(striped)[0] == pytest.approx(
+    assert thresholds(striped)[0] == pytest.approx(
         camera.pixels_per_unit * group.shaded[1] + group.radius
     )
-    assert begins(striped)[0] > 2 * before[0]
+    assert thresholds(striped)[0] > 2 * before[0]
     settings.shading_counts = False
-    np.testing.assert_array_equal(begins(striped), before)
+    np.testing.assert_array_equal(thresholds(striped), before)
 
 
 @pytest.mark.once

@@ -101,22 +101,22 @@ def test_what_is_worn_follows_overrides_points_and_further_crowds(dressed):
     first, second, third = np.unique(trajectory.wearer[200:])[:3].tolist()
     values = ("HIDE", {}), ("GROUP", {"group_name": "child"}), ("NUDGE", {"move": (3, 0, 0)})
     for agent, (kind, more) in zip((first, second, third), values, strict=True):
-        entry = settings.exceptions.add()
+        entry = settings.overrides.add()
         entry.kind = kind
         entry.agents = str(agent)
         for name, value in more.items():
             setattr(entry, name, value)
-    edited = trajectory_of(scene)
-    crowd = edited.at(1)
+    overridden = trajectory_of(scene)
+    crowd = overridden.at(1)
     before = trajectory.at(1)
-    rows = [edited.with_worn(np.array([agent])) for agent in (first, second, third)]
+    rows = [overridden.with_worn(np.array([agent])) for agent in (first, second, third)]
     assert len(rows[0]) > 1 and not crowd.present[rows[0]].any()
     assert len(rows[1]) == 1 and crowd.group[rows[1]] == [names.index("child")]
     assert len(rows[2]) > 1 and np.allclose(crowd.x[rows[2]] - before.x[third], 3)
     settings.agent = int(rows[2][1])  # what a large change of the plan may be of
-    bpy.ops.crowd_lod.edit_agent(kind="HIDE")
-    assert settings.exceptions[-1].agents == str(third)
-    settings.exceptions.clear()
+    bpy.ops.crowd_lod.override_agent(kind="HIDE")
+    assert settings.overrides[-1].agents == str(third)
+    settings.overrides.clear()
     bpy.ops.crowd_lod.add_crowd()
     settings.crowds[0].count = 50
     several = populated(scene)

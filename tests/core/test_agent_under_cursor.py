@@ -14,7 +14,7 @@ from crowd_lod_extension.crowd_lod.culling.radar import BLOCK
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.frame.agent_under_cursor import account, nearest
 from crowd_lod_extension.crowd_lod.frame.frame import plan
-from crowd_lod_extension.crowd_lod.frame.planned import EXCEPTED, HIDDEN, PINNED, with_row
+from crowd_lod_extension.crowd_lod.frame.planned import HIDDEN, OVERRIDDEN, PINNED, with_row
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 from crowd_lod_extension.crowd_lod.sorting.buckets import Buckets
 from crowd_lod_extension.crowd_lod.world.maps import Area, edge_map
@@ -156,7 +156,7 @@ def test_errors_are_in_pixels_of_the_picture():
 
 def test_an_account_tells_that_the_shot_plan_has_another_lod_or_hides_the_agent():
     found, frame = accounts(
-        row=[1 | EXCEPTED | PINNED, 0, 2 | HIDDEN, 1 | PINNED, 2 | EXCEPTED | PINNED, HIDDEN, 1]
+        row=[1 | OVERRIDDEN | PINNED, 0, 2 | HIDDEN, 1 | PINNED, 2 | OVERRIDDEN | PINNED, HIDDEN, 1]
     )
     assert frame.planned
     assert [each.level for each in found[:2]] == [1, 0] and [

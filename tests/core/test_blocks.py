@@ -16,7 +16,7 @@ from crowd_lod_extension.crowd_lod.culling.volumes import Light, Mirror
 from crowd_lod_extension.crowd_lod.frame import index_cache
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.frame.shadows import Surroundings, surround
-from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy, assign, limits
+from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy, assign, threshold_distances
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import scatter
 from crowd_lod_extension.crowd_lod.world import morton_order
 from crowd_lod_extension.crowd_lod.world.first_frame import populate
@@ -52,7 +52,9 @@ def one_by_one(trajectory, camera, policy, time, shutter=(), bias=None):
             trajectory.at(sample), cameras, center, grown, RadarOptions(policy.margin)
         )[0]
     factor = None if bias is None else bias.at(crowd.x, crowd.y)
-    return visible, assign(distance, limits(policy, eyes[0], radius), crowd.group, factor)
+    return visible, assign(
+        distance, threshold_distances(policy, eyes[0], radius), crowd.group, factor
+    )
 
 
 def compare(trajectory, camera, policy=POLICY, time=9, *more):
@@ -153,13 +155,13 @@ def test_blocks_of_agents_on_planes_never_say_more_than_the_radar(lens):
         crowd = crowd_at(scatter(camera, radius, random, 0.5))
         group = replace(walker(), center=0.0, radius=float(radius[0]))
         margin = random.choice([None, 0.25])
-        begin = limits(LevelPolicy((0.1, 0.5)), camera, radius[:1])
+        thresholds = threshold_distances(LevelPolicy((0.1, 0.5)), camera, radius[:1])
         order = blocks.fill_blocks(morton_order.order_of(crowd.x, crowd.y, crowd.group, AREA))
         found = blocks.blocks_of(crowd, order, spheres_of((group,)), AREA)
         look = blocks.Look(camera, np.zeros(3), np.zeros(3))
-        levels, places = in_order(found, *blocks.decide(found, crowd, [[look]], begin, margin))
+        levels, places = in_order(found, *blocks.decide(found, crowd, [[look]], thresholds, margin))
         visible, distance = radar(crowd, camera, np.zeros(1), radius[:1], RadarOptions(margin))
-        right = np.where(visible, assign(distance, begin), blocks.CULLED)[found.order]
+        right = np.where(visible, assign(distance, thresholds), blocks.CULLED)[found.order]
         assert np.delete(levels == right, places).all()
         decided += len(crowd) - len(places)
     assert decided > 0

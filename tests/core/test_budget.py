@@ -263,7 +263,7 @@ def test_every_kind_of_budget_is_kept_at_once(engine):
     )
 
 
-def test_exceptions_hold_within_a_budget():
+def test_overrides_hold_within_a_budget():
     shot = plaza()
     number = np.arange(400)
     always = np.where(number % 20 == 0, 2, 0)

@@ -107,20 +107,22 @@ def test_hysteresis_is_that_of_one_agent_after_another(seed):
     found = Grid(survey).of(hysteresis(survey, BOUNDS, TOLERANCE))
     held = 0
     for a in range(50):
-        begins = BOUNDS[survey.group[a]] / TOLERANCE  # meters a pixel, which stand for distances
+        thresholds = (
+            BOUNDS[survey.group[a]] / TOLERANCE
+        )  # meters a pixel, which stand for distances
         now = None
         for f in range(20):
             if Grid(survey).kind[f, a] != SEEN:
                 now = None
                 continue
             distance = 1 / float(Grid(survey).scale[f, a])
-            plain = max(k for k in range(4) if distance >= begins[k])
+            plain = max(k for k in range(4) if distance >= thresholds[k])
             if now is None or survey.cuts[f]:
                 now = plain
             else:
-                while now < plain and distance >= begins[now + 1] * (1 + WIDTH):
+                while now < plain and distance >= thresholds[now + 1] * (1 + WIDTH):
                     now += 1
-                while now > plain and distance < begins[now] * (1 - WIDTH):
+                while now > plain and distance < thresholds[now] * (1 - WIDTH):
                     now -= 1
                 held += now != plain
             assert found[f, a] == now

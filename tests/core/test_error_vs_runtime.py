@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.culling.radar import RadarOptions, radar
-from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy, assign, limits
+from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy, assign, threshold_distances
 from crowd_lod_extension.crowd_lod.validation import error_vs_runtime
 from crowd_lod_extension.crowd_lod.validation.culling_judge import standing_crowd
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
@@ -52,7 +52,7 @@ def test_a_fixed_delta_of_the_scene_is_the_default():
 @pytest.mark.parametrize("radial", [False, True])
 def test_exact_levels_agree_with_rational_arithmetic_for_each_agent(radial):
     crowd, (camera,) = view()
-    steps = error_vs_runtime.exact_limits(LevelPolicy((0.16, 0.4)), camera, len(RADIUS))
+    steps = error_vs_runtime.exact_thresholds(LevelPolicy((0.16, 0.4)), camera, len(RADIUS))
     ids = error_vs_runtime.exact_levels(crowd, camera, CENTER, steps, radial)
     for i in range(len(crowd)):
         place = (crowd.x[i], crowd.y[i], crowd.z[i] + CENTER[crowd.group[i]])
@@ -78,7 +78,7 @@ def test_the_default_in_the_report_is_the_arithmetic_of_the_plan(kind):
     )
     same = radar(crowd, camera, CENTER, RADIUS)[1]
     assert (distance == same).all() and (
-        ids == assign(same, limits(policy, camera, RADIUS), crowd.group)
+        ids == assign(same, threshold_distances(policy, camera, RADIUS), crowd.group)
     ).all()
 
 

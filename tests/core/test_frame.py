@@ -78,7 +78,7 @@ def test_distances_are_found_when_asked_for_and_once():
     assert found == pytest.approx(expected) and frame.depths == pytest.approx(away[0] @ eyes[0].Z)
     reasons(frame), account(frame, 5)
     assert frame.distances is found
-    assert (assign(found, frame.begins, frame.crowd.group, frame.factors) == frame.levels).all()
+    assert (assign(found, frame.thresholds, frame.crowd.group, frame.factors) == frame.levels).all()
 
 
 def test_lost_agents_are_left_out_and_counted():

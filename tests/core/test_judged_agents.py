@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.frame.frame import plan
-from crowd_lod_extension.crowd_lod.frame.planned import EXCEPTED, PINNED
+from crowd_lod_extension.crowd_lod.frame.planned import OVERRIDDEN, PINNED
 from crowd_lod_extension.crowd_lod.levels.assignment import Bias, LevelPolicy
 from crowd_lod_extension.crowd_lod.validation.judged_agents import (
     BLURRED_APART,
@@ -100,7 +100,7 @@ def test_who_is_allowed_more():
     assert not within.apart  # it keeps the tolerance
     (apart,) = choose_agents(near, np.array([agent]), levels, 0.01, 20)
     assert apart.apart == BLURRED_APART
-    pinned[agent] |= EXCEPTED
+    pinned[agent] |= OVERRIDDEN
     (asked,) = choose_agents(near, np.array([agent]), levels, 0.01, 20)
     assert asked.apart == PINNED_APART
     (far,) = choose_agents(frame, np.array([agent]), levels, 0.01, 20)

@@ -12,8 +12,8 @@ from crowd_lod_extension.crowd_lod.levels.assignment import (
     Bias,
     LevelPolicy,
     assign,
-    limits,
     pushed,
+    threshold_distances,
 )
 from crowd_lod_extension.crowd_lod.sorting.buckets import sort
 from crowd_lod_extension.crowd_lod.world.maps import Area
@@ -36,7 +36,7 @@ def test_listing_1_3_and_equation_1_7_agree_but_for_the_threshold_itself():
 def test_far_plane_never_gives_an_id_beyond_the_last_mesh():
     policy = LevelPolicy((0.5, 1.0))
     assert (
-        assign(np.array([100.0, 1e12]), limits(policy, straight(), np.ones(1))).max()
+        assign(np.array([100.0, 1e12]), threshold_distances(policy, straight(), np.ones(1))).max()
         == policy.count - 1
     )
 
@@ -69,7 +69,7 @@ def test_buckets_are_contiguous_complete_and_in_agent_order(count):
 
 def test_groups_may_have_thresholds_of_their_own():
     policy = LevelPolicy((0.1, 0.5), group_thresholds=((), (0.3, 0.4)))
-    table = limits(policy, straight(), np.ones(3))
+    table = threshold_distances(policy, straight(), np.ones(3))
     assert table.tolist() == [[10, 50], [30, 40], [10, 50]]
     group = np.array([0, 1, 2, 1], np.uint8)
     assert assign(np.array([20.0, 20, 60, 40]), table, group).tolist() == [1, 0, 2, 2]
@@ -83,7 +83,7 @@ def test_a_tolerance_bounds_the_error_in_pixels():
     policy = LevelPolicy((0, 0, 0), tolerance=0.5)
     group = random.integers(2, size=4000, dtype=np.uint8)
     distance = random.uniform(0, 100, 4000)
-    ids = assign(distance, limits(policy, camera, radius, deviation), group)
+    ids = assign(distance, threshold_distances(policy, camera, radius, deviation), group)
     nearest = distance - radius[group]
     error = deviation[group, ids] * camera.pixels_per_unit / nearest
     assert (error[ids > 0] <= 0.5 * (1 + 1e-12)).all() and (nearest[ids > 0] > 0).all()
@@ -95,7 +95,7 @@ def test_a_tolerance_bounds_the_error_in_pixels():
         > 0.5 * (1 - 1e-12)
     ).all()
     with pytest.raises(CrowdError, match="measured"):
-        limits(policy, camera, radius)
+        threshold_distances(policy, camera, radius)
 
 
 @pytest.mark.parametrize(
@@ -164,7 +164,7 @@ def test_no_agent_has_a_finer_lod_than_there_is(kind, tolerance):
     group = random.integers(3, size=500, dtype=np.uint8)
     distance = random.uniform(-5, 120, 500)
     free, held = (
-        assign(distance, limits(each, camera, radius, deviation), group)
+        assign(distance, threshold_distances(each, camera, radius, deviation), group)
         for each in (policy, replace(policy, finest=finest))
     )
     np.testing.assert_array_equal(held, np.maximum(free, np.array(finest)[group]))

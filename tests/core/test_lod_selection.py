@@ -7,7 +7,12 @@ import pytest
 from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.culling.camera import Window
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy, assign, deviations, limits
+from crowd_lod_extension.crowd_lod.levels.assignment import (
+    LevelPolicy,
+    assign,
+    deviations,
+    threshold_distances,
+)
 from crowd_lod_extension.crowd_lod.levels.lengths import (
     APART,
     MOST_LENGTHS,
@@ -150,18 +155,18 @@ def test_every_kept_candidate_is_used_and_none_that_is_used_saves_too_little(can
     assert all(b <= (1 - LEAST_SAVED) * a for a, b in zip(own, own[1:], strict=False))
     deviation = np.array([[group.deviations[k] for k in kept]])
     assert (np.diff(deviation[0, 1:]) > 0).all()  # LOD 0 is kept in any case
-    begins = limits(
+    thresholds = threshold_distances(
         LevelPolicy((0.0,) * (len(kept) - 1), tolerance=1.0),
         straight(far=500),
         np.array([1.0]),
         deviation,
     )
     # where each LOD begins, or the nearest agent that shows it stands
-    edges = np.append(-np.inf, begins[0])
+    edges = np.append(-np.inf, thresholds[0])
     reach = np.concatenate(
         [np.clip(edges, view.nearest / BETWEEN, view.farthest * BETWEEN) for view in views]
     )
-    assert set(assign(reach, begins[0]).tolist()) | {0} == set(range(len(kept)))
+    assert set(assign(reach, thresholds[0]).tolist()) | {0} == set(range(len(kept)))
 
 
 def test_a_tolerance_that_means_nothing_is_refused():
@@ -213,7 +218,7 @@ def test_a_lod_that_repeats_the_group_s_last_never_begins():
     ]
     policy = LevelPolicy((0.0, 0.0), tolerance=1.0)
     for camera in (straight(), straight(kind="ORTHO")):
-        begins = limits(policy, camera, np.ones(3), deviations(groups, policy))
-        coarsest = assign(np.full(3, 1e6), begins, np.arange(3))
+        thresholds = threshold_distances(policy, camera, np.ones(3), deviations(groups, policy))
+        coarsest = assign(np.full(3, 1e6), thresholds, np.arange(3))
         assert coarsest.tolist() == ([0, 1, 2] if camera.kind == "PERSP" else [0, *coarsest[1:]])
-        assert np.isinf(begins[0]).all() and (begins[0] > 0).all()
+        assert np.isinf(thresholds[0]).all() and (thresholds[0] > 0).all()

@@ -8,7 +8,11 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy, deviations, limits
+from crowd_lod_extension.crowd_lod.levels.assignment import (
+    LevelPolicy,
+    deviations,
+    threshold_distances,
+)
 from crowd_lod_extension.crowd_lod.validation import shaded_pictures
 from crowd_lod_extension.crowd_lod.validation.shaded_pictures import ShadedMesh, likeness, pictures
 
@@ -176,11 +180,11 @@ def test_where_shading_counts_a_lod_begins_where_both_allow():
         both = replace(plain, shading=True)
         np.testing.assert_array_equal(deviations([group], plain), [group.bounds])
         camera = straight()  # 50 pixels a unit of slope
-        begin = limits(both, camera, np.ones(1), deviations([group], both))
+        begin = threshold_distances(both, camera, np.ones(1), deviations([group], both))
         np.testing.assert_allclose(
             begin, [[max(50 * 0.01 / tolerance, 50 * 0.05) + 1] * 2 + [np.inf]]
         )
-        assert limits(
+        assert threshold_distances(
             both, straight(kind="ORTHO"), np.ones(1), deviations([group], both)
         ).tolist() == [[-np.inf, -np.inf, np.inf]]
         with pytest.raises(CrowdError, match="Make LOD Meshes"):

@@ -160,7 +160,7 @@ def state() -> list:
 
 def _chosen(settings) -> list:
     blocks = settings.characters, settings.levels, settings.build, settings.machine
-    lists = ([each.name for each in several] for several in (settings.groups, settings.exceptions))
+    lists = ([each.name for each in several] for several in (settings.groups, settings.overrides))
     return [*(block and block.name for block in blocks), *lists, settings.shot_plan]
 
 

@@ -15,7 +15,7 @@ def test_the_panel_says_whether_the_plan_holds_in_the_frame_that_is_shown(tmp_pa
         seen = viewport_overlay.latest(scene).visible
         settings.agent = int(seen.argmax())
         settings.level_count = 1
-        entry = settings.exceptions.add()
+        entry = settings.overrides.add()
         entry.agents = str(settings.agent)
         entry.kind = "HIDE"
         settings.frames = "1:3"

@@ -55,7 +55,7 @@ def session():
     owners = {
         "settings": settings(),
         "group": settings().groups[0],
-        "exception": settings().exceptions[0],
+        "override": settings().overrides[0],
     }
     owners["editor"] = scene().crowd_lod_editor
     known = {
@@ -125,7 +125,7 @@ def change_it(what: str, *words):
         several = {
             "settings": [settings()],
             "group": settings().groups,
-            "exception": settings().exceptions,
+            "override": settings().overrides,
             "editor": [scene().crowd_lod_editor],
         }[owner]
         if len(several):
@@ -248,12 +248,8 @@ DONE = {
     "camera removed": lambda: gone(scene().camera, bpy.data.objects),
     "objects removed": lambda: [bpy.data.objects.remove(item) for item in [*bpy.data.objects]],
     "choice unknown": lambda: unknown(settings(), "choice"),
-    "exceptions by unknown": lambda: [
-        unknown(entry, "chosen_by") for entry in settings().exceptions
-    ],
-    "kind of exception unknown": lambda: [
-        unknown(entry, "kind") for entry in settings().exceptions
-    ],
+    "overrides by unknown": lambda: [unknown(entry, "chosen_by") for entry in settings().overrides],
+    "kind of override unknown": lambda: [unknown(entry, "kind") for entry in settings().overrides],
     "library missing": lambda: sys.modules.update(fast_simplification=None),
     "new scene": lambda: shown(bpy.data.scenes.new("New")),
     "copy of the scene": lambda: shown(scene().copy()),

@@ -115,8 +115,8 @@ def built_agents() -> list[list[int]]:
 
 def override(agent: int, kind: str):
     settings().agent = agent
-    status = yield from press("except_agent")
-    settings().exceptions[settings().exception_index].kind = kind
+    status = yield from press("add_agent_override")
+    settings().overrides[settings().override_index].kind = kind
     return status
 
 

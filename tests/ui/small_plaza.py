@@ -47,8 +47,8 @@ def saved(path: str, folder: str):
         "add_crowd",
         "populate",
         "make_levels",
-        "except_agent",
-        "except_agent",
+        "add_agent_override",
+        "add_agent_override",
         "plan_shot",
         "build",
     )

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 
 STATES = 10 * int(os.environ.get("CROWD_LOD_TRIALS", "1"))
 BUTTONS = (
-    "populate remove_build add_exception remove_exception move_exception "
-    "except_agent edit_agent find_agents erase go_to_switch machine_preset"
+    "populate remove_build add_override remove_override move_override "
+    "add_agent_override override_agent find_agents erase go_to_switch machine_preset"
 ).split()
 BUTTONS += (
     "machine_add machine_remove machine_duplicate machine_move new_map add_area "
@@ -133,7 +133,7 @@ def test_a_machine_that_cannot_be_read_is_drawn(window, name):
 
 
 @pytest.mark.parametrize(
-    "name", ["LODs emptied", "more LODs", "kind of exception unknown", "exceptions by unknown"]
+    "name", ["LODs emptied", "more LODs", "kind of override unknown", "overrides by unknown"]
 )
 def test_a_state_that_raised_once_is_drawn(window, name):
     window.draw([(name,), ("set", "settings", 0, "choice", "BY_TOLERANCE"), ("undo",)])

@@ -3,7 +3,7 @@ COUNT.
 
 All pairs of our operators, and fifty random triples, are in as many parts as there are operators;
 COUNT parts are taken, from the FIRST on, which is 0. They are taken in a saved file of the plaza
-that has a build, a shot plan and exceptions, with the overlay on, after Render Viewport Image and
+that has a build, a shot plan and overrides, with the overlay on, after Render Viewport Image and
 Preview. After each pair or triple all is undone, redone and undone again by keys; every state must
 be one that the file was in before. A crash ends Blender before results.json is written; the last
 line printed then names what crashed it.

@@ -1,4 +1,4 @@
-"""Settings of an exception: what it asks for, for whom, and when."""
+"""Settings of an override: what it asks for, for whom, and when."""
 
 import bpy
 
@@ -15,8 +15,8 @@ from ..blender.labeled_properties import (
 REGIONS = "MESH", "EMPTY"  # types of objects that may mark a region
 
 
-class CrowdLodException(bpy.types.PropertyGroup):
-    """An exception, called `name`: for some agents, in some frames."""
+class CrowdLodOverride(bpy.types.PropertyGroup):
+    """An override, called `name`: for some agents, in some frames."""
 
     use: BoolProperty(name="Use", default=True, description="The override counts")
     kind: EnumProperty(
@@ -88,4 +88,4 @@ class CrowdLodException(bpy.types.PropertyGroup):
     )
 
 
-CLASSES = (CrowdLodException,)
+CLASSES = (CrowdLodOverride,)

@@ -1,6 +1,6 @@
-"""The exceptions of a scene's settings: whom each means, and whether they have changed.
+"""The overrides of a scene's settings: whom each means, and whether they have changed.
 
-A region chooses agents once, at the first of the plan's frames for which the exception holds; the
+A region chooses agents once, at the first of the plan's frames for which the override holds; the
 choice then stays the same.
 """
 
@@ -11,51 +11,51 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.shot.exceptions import KINDS, Exemption, check_level, parse_agents
+from ...crowd_lod.shot.overrides import KINDS, LodOverride, check_level, parse_agents
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import frame_stepping, scene_data, stored_values
 from ..blender.object_boxes import box_of, in_box
-from ..settings.exception_settings import REGIONS
-from ..sources import hand_edits
+from ..settings.override_settings import REGIONS
+from ..sources import crowd_overrides
 from .scene_crowd import SceneCrowd
 
 
-def exemptions_of(crowd: SceneCrowd, frames: Sequence[int]) -> tuple[Exemption, ...]:
-    """Return the exceptions that are switched on, in their order, as chosen_exemptions.
+def overrides_of(crowd: SceneCrowd, frames: Sequence[int]) -> tuple[LodOverride, ...]:
+    """Return the overrides that are switched on, in their order, as chosen_overrides.
 
-    CrowdError, too, if the crowd lacks the LOD that an exception asks for.
+    CrowdError, too, if the crowd lacks the LOD that an override asks for.
     """
-    exemptions = chosen_exemptions(crowd, frames)
-    for exemption in exemptions:
-        _check_level(exemption, crowd)
-    return exemptions
+    overrides = chosen_overrides(crowd, frames)
+    for override in overrides:
+        _check_level(override, crowd)
+    return overrides
 
 
-def _check_level(exemption: Exemption, crowd: SceneCrowd) -> None:
+def _check_level(override: LodOverride, crowd: SceneCrowd) -> None:
     policy = crowd.policy
     names = [group.name for group in crowd.trajectory.groups]
-    check_level(exemption, policy.count, policy.finest, crowd.trajectory.start.group, names)
+    check_level(override, policy.count, policy.finest, crowd.trajectory.start.group, names)
 
 
-def chosen_exemptions(crowd: SceneCrowd, frames: Sequence[int]) -> tuple[Exemption, ...]:
-    """Return the exceptions that are switched on, in their order, whatever LODs there are.
+def chosen_overrides(crowd: SceneCrowd, frames: Sequence[int]) -> tuple[LodOverride, ...]:
+    """Return the overrides that are switched on, in their order, whatever LODs there are.
 
-    frames: of the plan, increasing. An exception outside of them has no agents.
-    CrowdError names the exception that is wrong.
+    frames: of the plan, increasing. An override outside of them has no agents.
+    CrowdError names the override that is wrong.
     """
     scene = crowd.scene
-    wrong = hand_edits.troubles_of(scene)
+    wrong = crowd_overrides.troubles_of(scene)
     if wrong:
         raise CrowdError(wrong[0])
     entries = [
         entry
-        for entry in scene.crowd_lod.exceptions
-        if entry.use and entry.kind not in hand_edits.EDITS
+        for entry in scene.crowd_lod.overrides
+        if entry.use and entry.kind not in crowd_overrides.CROWD_KINDS
     ]
     parts = [(entry, _whom(entry, crowd.trajectory), _begins(entry, frames)) for entry in entries]
     if not parts:
         return ()
-    exemptions = {}
+    overrides = {}
     with frame_stepping.step_frames(scene, rest=False) as at:
         # in order of time: a crowd is computed forward
         for index in sorted(range(len(parts)), key=lambda index: parts[index][2] or 0):
@@ -70,37 +70,37 @@ def chosen_exemptions(crowd: SceneCrowd, frames: Sequence[int]) -> tuple[Exempti
                     f"The override {entry.name} chooses nobody: no agent stands in its region "
                     f"{entry.region.name} at frame {begin}; move it, or switch the override off."
                 )
-            exemptions[index] = Exemption(
+            overrides[index] = LodOverride(
                 entry.name, entry.kind, entry.level, agents, _describe_agents(entry), *_span(entry)
             )
-    return tuple(exemptions[index] for index in range(len(parts)))
+    return tuple(overrides[index] for index in range(len(parts)))
 
 
-def exceptions_by_number(crowd: SceneCrowd) -> tuple[tuple[Exemption, ...], list[str]]:
-    """Return (the exceptions that hold without a shot plan, a sentence for each that is wrong).
+def overrides_by_number(crowd: SceneCrowd) -> tuple[tuple[LodOverride, ...], list[str]]:
+    """Return (the overrides that hold without a shot plan, a sentence for each that is wrong).
 
     They are those that name their agents by numbers, and do not change the crowd itself.
     """
     numbered = [
         entry
-        for entry in crowd.settings.exceptions
+        for entry in crowd.settings.overrides
         if entry.use and entry.kind in KINDS and entry.chosen_by == "NUMBERS"
     ]
-    exemptions = []
+    overrides = []
     wrong = []
     for entry in numbered:
-        if hand_edits.edits(entry):
+        if crowd_overrides.changes_crowd(entry):
             continue
         try:
             agents = _whom(entry, crowd.trajectory)(0.0, lambda *_: None)
-            exemption = Exemption(
+            override = LodOverride(
                 entry.name, entry.kind, entry.level, agents, _describe_agents(entry), *_span(entry)
             )
-            _check_level(exemption, crowd)
-            exemptions.append(exemption)
+            _check_level(override, crowd)
+            overrides.append(override)
         except CrowdError as error:
             wrong.append(str(error))
-    return tuple(exemptions), wrong
+    return tuple(overrides), wrong
 
 
 def find_agents(
@@ -114,12 +114,12 @@ def find_agents(
 
 
 def digest_of(settings) -> str:
-    """Return a text that changes when an exception would choose or ask for anything else.
+    """Return a text that changes when an override would choose or ask for anything else.
 
     Overrides that are switched off do not count; "" without any. An object that is animated
     counts as unchanged while it is the same object.
     """
-    return "".join(repr(_marks(entry)) for entry in settings.exceptions if entry.use)
+    return "".join(repr(_marks(entry)) for entry in settings.overrides if entry.use)
 
 
 def _span(entry) -> tuple[int | None, int | None]:
@@ -127,8 +127,8 @@ def _span(entry) -> tuple[int | None, int | None]:
 
 
 def _marks(entry) -> tuple:
-    if entry.kind in hand_edits.EDITS:
-        return hand_edits.marks_of(entry)
+    if entry.kind in crowd_overrides.CROWD_KINDS:
+        return crowd_overrides.marks_of(entry)
     span = () if entry.all_frames else (entry.first_frame, entry.last_frame)
     marks: tuple = (entry.agents.strip(),)
     if entry.chosen_by == "REGION":
@@ -150,7 +150,7 @@ def _region_marks(region: bpy.types.Object) -> tuple:
 
 
 def _whom(entry, trajectory: Trajectory) -> Callable[[float, frame_stepping.At], np.ndarray]:
-    """Return a function (time, at) -> agents (m,) intp that the exception means.
+    """Return a function (time, at) -> agents (m,) intp that the override means.
 
     Check what can be checked before.
     """
@@ -188,7 +188,7 @@ def _inside(
 
 
 def _begins(entry, frames: Sequence[int]) -> int | None:
-    """Return the first of the plan's frames for which the exception holds, or None."""
+    """Return the first of the plan's frames for which the override holds, or None."""
     if entry.all_frames:
         return frames[0]
     return next(

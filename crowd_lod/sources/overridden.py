@@ -1,4 +1,4 @@
-"""A crowd with some of its agents changed by hand."""
+"""A crowd with some of its agents overridden."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,8 +16,8 @@ from .trajectory import Trajectory
 
 
 @dataclass(frozen=True)
-class Edit:
-    """A change of some agents, in all frames.
+class CrowdOverride:
+    """An override of some agents, in all frames.
 
     agents: (m,) intp, their indices, each once.
     move: (x, y, z) meters that they stand beside their own way. On a ground that is not level they
@@ -32,29 +32,29 @@ class Edit:
     hide: bool = False
 
 
-class Edited(AroundTrajectory):
-    """The agents of a trajectory, some of them changed by hand.
+class Overridden(AroundTrajectory):
+    """The agents of a trajectory, some of them overridden.
 
     Moves of one agent add up; of two groups the later holds; who is hidden once is hidden. All else
     is as without: agents keep their numbers, and walk, wait and choose as before.
 
-    base: the trajectory without edits.
-    CrowdError if an edit asks for another group, and the trajectory cannot give it.
+    base: the trajectory without overrides.
+    CrowdError if an override asks for another group, and the trajectory cannot give it.
     """
 
-    def __init__(self, base: Trajectory, edits: Sequence[Edit]):
-        self.edits = tuple(edits)
+    def __init__(self, base: Trajectory, overrides: Sequence[CrowdOverride]):
+        self.overrides = tuple(overrides)
         group = base.start.group.copy()
         hidden = np.zeros(len(group), bool)
-        for edit in edits:
-            hidden[edit.agents] |= edit.hide
-            if edit.group is not None:
-                group[edit.agents] = edit.group
+        for override in overrides:
+            hidden[override.agents] |= override.hide
+            if override.group is not None:
+                group[override.agents] = override.group
         if not np.array_equal(group, base.start.group):
             base = base.regrouped(group)
         self.base = base
         self._visible = ~hidden if hidden.any() else None
-        self._moved, self._move = _sum_moves(edits)
+        self._moved, self._move = _sum_moves(overrides)
         is_aside = self._move[:, :2].any(axis=1)
         self._aside = self._moved[is_aside]
         self._above_ground = self._move[is_aside, 2]
@@ -95,28 +95,30 @@ class Edited(AroundTrajectory):
         """Return the height of the ground under `agents`."""
         return self.base.ground(crowd, agents)
 
-    def regrouped(self, group: np.ndarray) -> "Edited":
-        """Return the same crowd, edited but for groups, with these."""
-        return Edited(
-            self.base.regrouped(group), [replace(edit, group=None) for edit in self.edits]
+    def regrouped(self, group: np.ndarray) -> "Overridden":
+        """Return the same crowd, overridden but for groups, with these."""
+        return Overridden(
+            self.base.regrouped(group),
+            [replace(override, group=None) for override in self.overrides],
         )
 
-    def leaving(self, leave: frozenset[LeftOut], time: float) -> "Edited":
+    def leaving(self, leave: frozenset[LeftOut], time: float) -> "Overridden":
         """Return the same crowd with only `leave` left out."""
-        edited = Edited(self.base.leaving(leave, time), self.edits)
-        edited.left_out = leave & self.left_out
-        return edited
+        overridden = Overridden(self.base.leaving(leave, time), self.overrides)
+        overridden.left_out = leave & self.left_out
+        return overridden
 
     def digests(self) -> dict[str, bytes]:
-        """Return the trajectory's, and the edits."""
-        edits = [
-            repr((edit.move, edit.group, edit.hide)).encode() + edit.agents.tobytes()
-            for edit in self.edits
+        """Return the trajectory's, and the overrides."""
+        overrides = [
+            repr((override.move, override.group, override.hide)).encode()
+            + override.agents.tobytes()
+            for override in self.overrides
         ]
-        return self.base.digests() | {"the overrides": b"\0".join(edits)}
+        return self.base.digests() | {"the overrides": b"\0".join(overrides)}
 
     def _of(self, crowd: Crowd) -> Crowd:
-        """Return `crowd`, of the trajectory without edits, with them."""
+        """Return `crowd`, of the trajectory without overrides, with them."""
         columns = {}
         if len(self._moved):
             columns["x"] = self._columns.of("x", [crowd.x], lambda x: self._shift(x, 0))
@@ -147,15 +149,15 @@ class Edited(AroundTrajectory):
         return z
 
 
-def _sum_moves(edits: Sequence[Edit]) -> tuple[np.ndarray, np.ndarray]:
+def _sum_moves(overrides: Sequence[CrowdOverride]) -> tuple[np.ndarray, np.ndarray]:
     """Return (the agents (k,) intp that are moved, increasing, their moves (k, 3) meters)."""
-    moving = [edit for edit in edits if any(edit.move)]
+    moving = [override for override in overrides if any(override.move)]
     if not moving:
         return np.empty(0, np.intp), np.empty((0, 3))
-    agents = np.unique(np.concatenate([edit.agents for edit in moving]))
+    agents = np.unique(np.concatenate([override.agents for override in moving]))
     moves = np.zeros((len(agents), 3))
-    for edit in moving:
-        moves[np.searchsorted(agents, edit.agents)] += edit.move
+    for override in moving:
+        moves[np.searchsorted(agents, override.agents)] += override.move
     return agents, moves
 
 

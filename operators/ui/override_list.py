@@ -1,4 +1,4 @@
-"""The exceptions: their list in the sidebar, and its buttons."""
+"""The overrides: their list in the sidebar, and its buttons."""
 
 import bpy
 
@@ -7,12 +7,12 @@ from ..settings import needs
 from .settings_list import Moving, Removing, SwitchedRow
 
 
-class CROWDLOD_UL_exceptions(SwitchedRow, bpy.types.UIList):
-    """One exception a row: its switch, its name and what it asks for."""
+class CROWDLOD_UL_overrides(SwitchedRow, bpy.types.UIList):
+    """One override a row: its switch, its name and what it asks for."""
 
     @staticmethod
     def words(item) -> str:
-        """Return what an exception asks for, in few words."""
+        """Return what an override asks for, in few words."""
         words = {
             "NEVER_COARSER": f"LOD {item.level} or finer",
             "ALWAYS": f"LOD {item.level}",
@@ -23,20 +23,20 @@ class CROWDLOD_UL_exceptions(SwitchedRow, bpy.types.UIList):
         return words.get(item.kind, "unknown")  # of another version's file
 
 
-class CROWDLOD_OT_add_exception(Reporting, bpy.types.Operator):
+class CROWDLOD_OT_add_override(Reporting, bpy.types.Operator):
     """Add an override, for agents that it names"""
 
-    bl_idname = "crowd_lod.add_exception"
+    bl_idname = "crowd_lod.add_override"
     bl_label = "Add Override"
 
     def run(self, context) -> str:
         return _added(context.scene.crowd_lod, "Override", "")
 
 
-class CROWDLOD_OT_except_agent(Reporting, bpy.types.Operator):
+class CROWDLOD_OT_add_agent_override(Reporting, bpy.types.Operator):
     """Add an override, for the agent that the eyedropper picked"""
 
-    bl_idname = "crowd_lod.except_agent"
+    bl_idname = "crowd_lod.add_agent_override"
     bl_label = "Add Override for Picked Agent"
     needs = (needs.picked,)
 
@@ -46,35 +46,35 @@ class CROWDLOD_OT_except_agent(Reporting, bpy.types.Operator):
 
 
 def _added(settings, name: str, agents: str) -> str:
-    entry = settings.exceptions.add()
+    entry = settings.overrides.add()
     entry.name = name
     entry.agents = agents
-    settings.exception_index = len(settings.exceptions) - 1
+    settings.override_index = len(settings.overrides) - 1
     return f"{name} is added: set what it asks for."
 
 
-class CROWDLOD_OT_remove_exception(Removing, bpy.types.Operator):
+class CROWDLOD_OT_remove_override(Removing, bpy.types.Operator):
     """Remove the selected override"""
 
-    bl_idname = "crowd_lod.remove_exception"
+    bl_idname = "crowd_lod.remove_override"
     bl_label = "Remove Override"
-    kind = "exception"
-    needs = (needs.exceptions,)
+    kind = "override"
+    needs = (needs.overrides,)
 
 
-class CROWDLOD_OT_move_exception(Moving, bpy.types.Operator):
+class CROWDLOD_OT_move_override(Moving, bpy.types.Operator):
     """Move the selected override: of two for the same agent, the lower one holds"""
 
-    bl_idname = "crowd_lod.move_exception"
+    bl_idname = "crowd_lod.move_override"
     bl_label = "Move Override"
-    kind = "exception"
-    needs = (needs.exceptions,)
+    kind = "override"
+    needs = (needs.overrides,)
 
 
 CLASSES = (
-    CROWDLOD_UL_exceptions,
-    CROWDLOD_OT_add_exception,
-    CROWDLOD_OT_except_agent,
-    CROWDLOD_OT_remove_exception,
-    CROWDLOD_OT_move_exception,
+    CROWDLOD_UL_overrides,
+    CROWDLOD_OT_add_override,
+    CROWDLOD_OT_add_agent_override,
+    CROWDLOD_OT_remove_override,
+    CROWDLOD_OT_move_override,
 )

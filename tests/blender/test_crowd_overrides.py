@@ -1,24 +1,24 @@
-"""Agents edited by hand in a scene: every button, every user of the crowd, and what is said of
-wrong ones.
+"""Overrides that change the crowd of a scene: every button, every user of the crowd, and what is
+said of wrong ones.
 """
 
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.sources.edited import Edited
+from crowd_lod_extension.crowd_lod.sources.overridden import Overridden
 from crowd_lod_extension.operators.blender import sidebar_answers
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 
 from ..support.freshness import changed_since_build
 from ..support.scatter import scatter
 from .test_build import instances
-from .test_shot_exceptions import add, cube, frame_at, planned, seen_at
+from .test_shot_overrides import add, cube, frame_at, planned, seen_at
 
 
 def press(scene, agent, *kinds):
     scene.crowd_lod.agent = agent
     for kind in kinds:
-        assert bpy.ops.crowd_lod.edit_agent(kind=kind) == {"FINISHED"}
+        assert bpy.ops.crowd_lod.override_agent(kind=kind) == {"FINISHED"}
 
 
 def test_each_button_edits_the_picked_agent_and_its_entry_can_be_switched_off(levelled):
@@ -26,13 +26,13 @@ def test_each_button_edits_the_picked_agent_and_its_entry_can_be_switched_off(le
     own = trajectory_of(levelled)
     before = own.at(7)
     press(levelled, 12, "NUDGE", "NUDGE", "GROUP", "HIDE", "ALWAYS")
-    assert [entry.kind for entry in settings.exceptions] == ["NUDGE", "GROUP", "HIDE", "ALWAYS"]
-    assert {entry.agents for entry in settings.exceptions} == {"12"}
+    assert [entry.kind for entry in settings.overrides] == ["NUDGE", "GROUP", "HIDE", "ALWAYS"]
+    assert {entry.agents for entry in settings.overrides} == {"12"}
     crowd = trajectory_of(levelled).at(7)
     assert crowd.x[12] - before.x[12] == pytest.approx(1.0) and crowd.y[12] == before.y[12]
     assert crowd.group[12] == (before.group[12] + 1) % len(own.groups)
     assert not crowd.present[12] and crowd.there == len(crowd) - 1
-    for entry in settings.exceptions:
+    for entry in settings.overrides:
         entry.use = False
     assert trajectory_of(levelled) is own
 
@@ -56,7 +56,7 @@ def test_a_pin_and_a_hide_hold_without_a_shot_plan(levelled):
         assert not frame.planned and not frame.unplanned
         assert frame.levels[pinned] == 2 and frame.levels[finer] <= 1
         assert frame.visible[hidden] == (not 6 <= number <= 9)
-    levelled.crowd_lod.exceptions["Gone"].all_frames = True
+    levelled.crowd_lod.overrides["Gone"].all_frames = True
     assert not frame_at(levelled, 2).crowd.present[hidden]
 
 
@@ -105,7 +105,7 @@ def test_the_build_shows_edited_agents_where_they_are_put(built, make, monkeypat
     assert at(swapped)[:, 5].tolist() == [1] and at(moved, (0.25, 0.5, 1.5))[:, 5].tolist() == [0]
     assert len(at(hidden)) == 0
     assert len(found) == len(frame_at(built, 2).buckets.order)
-    built.crowd_lod.exceptions["a"].use = False
+    built.crowd_lod.overrides["a"].use = False
     assert changed_since_build(built) == ["the overrides"]
 
 
@@ -129,8 +129,8 @@ def test_edits_survive_populate_and_saving(levelled, tmp_path):
     after = trajectory_of(levelled).at(9)
     for name, column in before.columns.items():
         assert np.array_equal(column, getattr(after, name)), name
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "edited.blend"))
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "edited.blend"))
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "overridden.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "overridden.blend"))
     again = trajectory_of(bpy.context.scene).at(9)
     for name, column in before.columns.items():
         assert np.array_equal(column, getattr(again, name)), name
@@ -142,8 +142,8 @@ def test_the_plan_knows_of_edits_and_says_when_they_change(levelled, tmp_path):
     press(levelled, agent + 1, "NUDGE")
     levels, told = planned(levelled, tmp_path / "plan")
     assert frame_at(levelled, 2).planned and not frame_at(levelled, 2).visible[agent]
-    assert [each["kind"] for each in told["shot"]["exceptions"]] == ["HIDE"]
-    levelled.crowd_lod.exceptions[1].move[1] = 3
+    assert [each["kind"] for each in told["shot"]["overrides"]] == ["HIDE"]
+    levelled.crowd_lod.overrides[1].move[1] = 3
     assert "for the overrides changed since" in frame_at(levelled, 2).unplanned
 
 
@@ -160,7 +160,7 @@ def test_erasing_keeps_numbers_of_who_stands_in_the_box(levelled):
     region.location.x += 30
     assert gone() == inside.tolist()
     # found anew, they are those where the region is now
-    levelled.crowd_lod.exceptions[0].chosen_by = "REGION"
+    levelled.crowd_lod.overrides[0].chosen_by = "REGION"
     region.location.x -= 34
     bpy.context.view_layer.update()
     bpy.ops.crowd_lod.find_agents()
@@ -173,7 +173,7 @@ def test_who_is_nudged_is_found_where_he_walks_without_edits(levelled):
     add(levelled, kind="NUDGE", agents=f"0-{len(own) - 1}", move=(500, 0, 0))
     region = cube(levelled, (-5, -8, -1), (9, 0, 1))
     add(levelled, kind="HIDE", chosen_by="REGION", region=region)
-    levelled.crowd_lod.exception_index = 1
+    levelled.crowd_lod.override_index = 1
     levelled.frame_set(1)
     bpy.ops.crowd_lod.find_agents()
     hidden = np.flatnonzero(~trajectory_of(levelled).at(1).present)
@@ -226,17 +226,17 @@ def test_wrong_edits_are_told_in_one_sentence_and_the_crowd_still_works(
     with pytest.raises(RuntimeError) as told:
         bpy.ops.crowd_lod.plan_shot()
     assert says in str(told.value)
-    levelled.crowd_lod.exceptions["Hero"].use = False
+    levelled.crowd_lod.overrides["Hero"].use = False
     assert not frame_at(levelled, 4).unplanned
 
 
 def test_buttons_say_what_they_lack(levelled):
     settings = levelled.crowd_lod
-    assert not bpy.ops.crowd_lod.edit_agent.poll() and not bpy.ops.crowd_lod.find_agents.poll()
+    assert not bpy.ops.crowd_lod.override_agent.poll() and not bpy.ops.crowd_lod.find_agents.poll()
     settings.agent = 300
     for press_, says in (
         (
-            lambda: bpy.ops.crowd_lod.edit_agent(kind="HIDE"),
+            lambda: bpy.ops.crowd_lod.override_agent(kind="HIDE"),
             "There is no agent 300: the crowd has 300",
         ),
         (bpy.ops.crowd_lod.erase, "No mesh or empty is active"),
@@ -247,12 +247,12 @@ def test_buttons_say_what_they_lack(levelled):
     bpy.context.view_layer.objects.active = cube(levelled, (500, 500, 0), (501, 501, 1), "far")
     with pytest.raises(RuntimeError, match="finds nobody: no agent stands in far"):
         bpy.ops.crowd_lod.erase()
-    assert not len(settings.exceptions)
+    assert not len(settings.overrides)
 
 
 def test_files_of_before_there_were_edits_mean_the_same(scene):
     """Blender stores a choice by its number."""
-    known = scene.crowd_lod.exceptions.add().bl_rna.properties
+    known = scene.crowd_lod.overrides.add().bl_rna.properties
     stored = {
         name: {item.identifier: item.value for item in known[name].enum_items}
         for name in ("kind", "chosen_by")
@@ -267,10 +267,10 @@ def test_numbers_of_several_crowds_are_those_of_all_together(levelled):
     settings.crowds[0].count = 20
     own = trajectory_of(levelled).at(3)
     press(levelled, 305, "NUDGE", "GROUP")
-    edited = trajectory_of(levelled)
-    assert isinstance(edited, Edited) and len(edited.at(3)) == 320
-    assert np.flatnonzero(edited.at(3).x != own.x).tolist() == [305]
-    assert np.flatnonzero(edited.at(3).group != own.group).tolist() == [305]
+    overridden = trajectory_of(levelled)
+    assert isinstance(overridden, Overridden) and len(overridden.at(3)) == 320
+    assert np.flatnonzero(overridden.at(3).x != own.x).tolist() == [305]
+    assert np.flatnonzero(overridden.at(3).group != own.group).tolist() == [305]
 
 
 def test_edits_follow_the_points_of_an_object_by_their_ids(levelled):
@@ -283,7 +283,7 @@ def test_edits_follow_the_points_of_an_object_by_their_ids(levelled):
     before = trajectory_of(levelled)
     press(levelled, 5, "NUDGE", "GROUP")
     press(levelled, 9, "HIDE")
-    assert [entry.agents for entry in settings.exceptions] == ["#135", "#135", "#163"]
+    assert [entry.agents for entry in settings.overrides] == ["#135", "#135", "#163"]
     levelled.frame_set(25)
     item.data.attributes["id"].data.foreach_set("value", ids[::-1].copy())
     item.data.update()
@@ -315,14 +315,14 @@ def test_edits_follow_the_agents_of_a_file_that_grows(levelled, tmp_path):
     bpy.ops.crowd_lod.populate()
     press(levelled, 4, "NUDGE")
     press(levelled, 5, "HIDE")
-    assert [entry.agents for entry in settings.exceptions] == ["#24", "#25"]
+    assert [entry.agents for entry in settings.overrides] == ["#24", "#25"]
     write_tracks(range(3, 30))
-    edited = trajectory_of(levelled)
-    crowd = edited.at(9)
-    own = edited.base.at(9)
+    overridden = trajectory_of(levelled)
+    crowd = overridden.at(9)
+    own = overridden.base.at(9)
     assert len(crowd) == 27 and np.flatnonzero(crowd.x != own.x).tolist() == [21]
-    assert edited.ids[21] == 24 and np.flatnonzero(~crowd.present).tolist() == [22]
-    # who is gone is told, the other is still edited
+    assert overridden.ids[21] == 24 and np.flatnonzero(~crowd.present).tolist() == [22]
+    # who is gone is told, the other is still overridden
     write_tracks(range(3, 25))
     frame = frame_at(levelled, 9)
     assert "names #25: no agent has that number in its file or object" in frame.unplanned

@@ -1,4 +1,4 @@
-"""Art direction: exceptions from the shot plan, or from distance, for some agents and frames.
+"""Art direction: overrides of the shot plan, or of distance, for some agents and frames.
 
 They act in the order of their list: where two concern the same agent in the same frame, the later
 one holds.
@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import CrowdError
 from ..frame.frame import Frame
-from ..frame.planned import EXCEPTED, HIDDEN, PINNED, with_row
+from ..frame.planned import HIDDEN, OVERRIDDEN, PINNED, with_row
 from .survey import SEEN, Survey
 
 KINDS = ("NEVER_COARSER", "ALWAYS", "HIDE")
@@ -22,8 +22,8 @@ NO_LIMIT = 255  # as the coarsest LOD
 
 
 @dataclass(frozen=True)
-class Exemption:
-    """One exception.
+class LodOverride:
+    """An override of the LODs of some agents.
 
     kind: NEVER_COARSER than the LOD `level`, ALWAYS that LOD, or HIDE.
     agents: (m,) intp, their indices.
@@ -66,7 +66,7 @@ def parse_agents(text: str, count: int, name: str, ids: np.ndarray | None = None
     missing: points come and go.
 
     count: agents of the crowd.
-    name: of the exception.
+    name: of the override.
     ids: (n,) int64, Trajectory.ids.
     CrowdError if it names none, an index that is not there, numbers of a file of which none is
     there, or a range that runs backwards.
@@ -136,25 +136,29 @@ def _ranges(numbers: np.ndarray, mark: str) -> list[str]:
 
 
 def check_level(
-    exemption: Exemption, count: int, finest: Sequence[int], group: np.ndarray, names: Sequence[str]
+    override: LodOverride,
+    count: int,
+    finest: Sequence[int],
+    group: np.ndarray,
+    names: Sequence[str],
 ) -> None:
-    """Raise CrowdError if an agent does not have the LOD that the exception asks for.
+    """Raise CrowdError if an agent does not have the LOD that the override asks for.
 
     count: the number of LODs.
     finest: for each group the finest LOD that it has; () if each has all.
     group: (n,) uint8, of each agent.
     names: of the groups.
     """
-    name = exemption.name
-    level = exemption.level
-    if exemption.kind == HIDE:
+    name = override.name
+    level = override.level
+    if override.kind == HIDE:
         return
     if level >= count:
         has = f"LODs 0 to {count - 1}" if count > 1 else "LOD 0 alone"
         raise CrowdError(f"The override {name} asks for LOD {level}: the crowd has {has}.")
     lacks = [
         g
-        for g in np.unique(group[exemption.agents]).tolist()
+        for g in np.unique(group[override.agents]).tolist()
         if level < (finest[g] if finest else 0)
     ]
     if lacks:
@@ -165,49 +169,49 @@ def check_level(
         )
 
 
-def in_force(exemptions: Sequence[Exemption], number: int, count: int) -> np.ndarray:
-    """Return the index of the exception that holds for each agent in a frame, (count,) intp; -1 for
+def in_force(overrides: Sequence[LodOverride], number: int, count: int) -> np.ndarray:
+    """Return the index of the override that holds for each agent in a frame, (count,) intp; -1 for
     none.
     """
     index_of = np.full(count, -1, np.intp)
-    for index, each in enumerate(exemptions):
+    for index, each in enumerate(overrides):
         if each.holds(number):
             index_of[each.agents] = index
     return index_of
 
 
 def lod_limits(
-    exemptions: Sequence[Exemption], number: int, count: int
+    overrides: Sequence[LodOverride], number: int, count: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return what exceptions allow `count` agents in the frame `number` of the timeline.
+    """Return what overrides allow `count` agents in the frame `number` of the timeline.
 
     Returns (the finest LOD (count,) uint8, the coarsest (count,) uint8, who is hidden (count,)
     bool).
     """
-    exemption = in_force(exemptions, number, count)
+    index = in_force(overrides, number, count)
     # the last entry is for agents without one
-    finest = [each.level * (each.kind == ALWAYS) for each in exemptions]
-    coarsest = [NO_LIMIT if each.kind == HIDE else each.level for each in exemptions]
-    hidden = [each.kind == HIDE for each in exemptions]
+    finest = [each.level * (each.kind == ALWAYS) for each in overrides]
+    coarsest = [NO_LIMIT if each.kind == HIDE else each.level for each in overrides]
+    hidden = [each.kind == HIDE for each in overrides]
     return (
-        np.array([*finest, 0], np.uint8)[exemption],
-        np.array([*coarsest, NO_LIMIT], np.uint8)[exemption],
-        np.array([*hidden, False])[exemption],
+        np.array([*finest, 0], np.uint8)[index],
+        np.array([*coarsest, NO_LIMIT], np.uint8)[index],
+        np.array([*hidden, False])[index],
     )
 
 
-def excepted(survey: Survey, exemptions: Sequence[Exemption]) -> Survey:
-    """Return the survey with the exceptions; its arrays are changed.
+def override_survey(survey: Survey, overrides: Sequence[LodOverride]) -> Survey:
+    """Return the survey with the overrides; its arrays are changed.
 
     Whom one hides counts as culled. Who appears in sight when one ends has entered.
     """
-    if not exemptions:
+    if not overrides:
         return survey
     finest = np.zeros_like(survey.kind)
     limit = np.zeros_like(survey.kind)
     was_hidden = np.zeros(len(survey.group), bool)  # hidden in the frame before, and otherwise seen
     for f, number in enumerate(survey.numbers.tolist()):
-        least, most, hidden = lod_limits(exemptions, number, len(survey.group))
+        least, most, hidden = lod_limits(overrides, number, len(survey.group))
         agents, cells = survey.cells.in_frame(f)
         finest[cells] = least[agents]
         limit[cells] = most[agents]
@@ -226,41 +230,43 @@ def excepted(survey: Survey, exemptions: Sequence[Exemption]) -> Survey:
     return replace(survey, finest=finest, limit=limit)
 
 
-def alone(frame: Frame, exemptions: Sequence[Exemption], number: float) -> Frame:
-    """Return `frame`, which has no shot plan, with the exceptions that hold in it.
+def override_frame(frame: Frame, overrides: Sequence[LodOverride], number: float) -> Frame:
+    """Return `frame`, which has no shot plan, with the overrides that hold in it.
 
     number: of the frame on the timeline; the part of a frame counts as the frame.
     """
     number = int(np.floor(number + 1e-6))
-    exemption = in_force(exemptions, number, len(frame.crowd))
-    asked = exemption >= 0
+    index = in_force(overrides, number, len(frame.crowd))
+    asked = index >= 0
     if not asked.any():
         return frame
     most = np.array(
-        [*(NO_LIMIT if each.kind == HIDE else each.level for each in exemptions), NO_LIMIT],
+        [*(NO_LIMIT if each.kind == HIDE else each.level for each in overrides), NO_LIMIT],
         np.uint8,
-    )[exemption]
-    levels = np.minimum(frame.levels, most) | np.where(frame.levels > most, EXCEPTED, 0).astype(
+    )[index]
+    levels = np.minimum(frame.levels, most) | np.where(frame.levels > most, OVERRIDDEN, 0).astype(
         np.uint8
     )
-    return replace(with_row(frame, marked(levels, number, exemptions)), by_plan=False)
+    return replace(with_row(frame, override_levels(levels, number, overrides)), by_plan=False)
 
 
-def marked(levels: np.ndarray, number: int, exemptions: Sequence[Exemption]) -> np.ndarray:
+def override_levels(
+    levels: np.ndarray, number: int, overrides: Sequence[LodOverride]
+) -> np.ndarray:
     """Return what a plan stores of a frame (see planned.with_row).
 
-    These are `levels` (n,) uint8 with what exceptions pin and hide.
+    These are `levels` (n,) uint8 with what overrides pin and hide.
 
     number: of the frame on the timeline.
     """
-    exemption = in_force(exemptions, number, len(levels))
-    if not (exemption >= 0).any():
+    index = in_force(overrides, number, len(levels))
+    if not (index >= 0).any():
         return levels
     pinned, hidden = (
-        np.array([*(entry.kind == kind for entry in exemptions), False])[exemption]
+        np.array([*(entry.kind == kind for entry in overrides), False])[index]
         for kind in (ALWAYS, HIDE)
     )
-    level = np.array([*(entry.level for entry in exemptions), 0], np.uint8)[exemption]
-    return np.where(pinned, level | PINNED | EXCEPTED, levels) | np.where(hidden, HIDDEN, 0).astype(
-        np.uint8
-    )
+    level = np.array([*(entry.level for entry in overrides), 0], np.uint8)[index]
+    return np.where(pinned, level | PINNED | OVERRIDDEN, levels) | np.where(
+        hidden, HIDDEN, 0
+    ).astype(np.uint8)

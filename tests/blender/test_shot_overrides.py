@@ -1,4 +1,4 @@
-"""Exceptions from the shot plan: whom they mean, what the plan does with them, and what is said of
+"""Overrides of the shot plan: whom they mean, what the plan does with them, and what is said of
 wrong ones.
 """
 
@@ -11,7 +11,7 @@ from crowd_lod_extension.crowd_lod.frame.planned import HIDDEN, LEVEL, PINNED
 from crowd_lod_extension.crowd_lod.shot import plan_file
 from crowd_lod_extension.operators.scene.frame_plan import frame_by_policy
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd, trajectory_of
-from crowd_lod_extension.operators.scene.shot_exceptions import exemptions_of
+from crowd_lod_extension.operators.scene.shot_overrides import overrides_of
 
 from ..support.scene_frames import frame_now
 
@@ -19,7 +19,7 @@ FRAMES = range(1, 13)
 
 
 def add(scene, name="Hero", **settings):
-    entry = scene.crowd_lod.exceptions.add()
+    entry = scene.crowd_lod.overrides.add()
     entry.name = name
     for key, value in settings.items():
         setattr(entry, key, value)
@@ -27,7 +27,7 @@ def add(scene, name="Hero", **settings):
 
 
 def chosen_agents(scene, frames=FRAMES):
-    return [each.agents.tolist() for each in exemptions_of(read_crowd(scene), frames)]
+    return [each.agents.tolist() for each in overrides_of(read_crowd(scene), frames)]
 
 
 def planned(scene, folder):
@@ -55,7 +55,7 @@ def seen_at(scene, level):
 
 
 @pytest.mark.once
-def test_the_plan_keeps_to_exceptions_and_its_users_show_them(levelled, tmp_path):
+def test_the_plan_keeps_to_overrides_and_its_users_show_them(levelled, tmp_path):
     settings = levelled.crowd_lod
     (finer, hidden, *_) = seen_at(levelled, 2)
     (pinned, *_) = seen_at(levelled, 0)
@@ -84,7 +84,7 @@ def test_the_plan_keeps_to_exceptions_and_its_users_show_them(levelled, tmp_path
     assert [f + 1 for f in range(12) if levels[f, pinned] & PINNED] == [4, 5, 6]
     assert [f + 1 for f in range(12) if levels[f, hidden] & HIDDEN] == [6, 7, 8, 9]
     assert not (np.delete(levels, [pinned, hidden], axis=1) & (PINNED | HIDDEN)).any()
-    assert told["shot"]["exceptions"] == [
+    assert told["shot"]["overrides"] == [
         {
             "name": "Detail",
             "kind": "NEVER_COARSER",
@@ -123,13 +123,14 @@ def test_the_plan_keeps_to_exceptions_and_its_users_show_them(levelled, tmp_path
         assert frame.levels[pinned] == (2 if 4 <= number <= 6 else 0)
         assert frame.visible[hidden] == (not 6 <= number <= 9)
     # they can be switched off, and planning again keeps the others
-    settings.exceptions["Pin"].use = False
+    settings.overrides["Pin"].use = False
     frame = frame_at(levelled, 5)
     assert not frame.planned and "for the overrides changed since it was made" in frame.unplanned
     levels, told = planned(levelled, tmp_path / "plan")
-    assert not (levels & PINNED).any() and [
-        each["name"] for each in told["shot"]["exceptions"]
-    ] == ["Detail", "Gone"]
+    assert not (levels & PINNED).any() and [each["name"] for each in told["shot"]["overrides"]] == [
+        "Detail",
+        "Gone",
+    ]
     assert frame_at(levelled, 5).planned
 
 
@@ -193,12 +194,12 @@ def test_a_region_means_those_inside_its_box_when_it_begins(levelled):
     empty.location = (1, 2, 0)
     levelled.collection.objects.link(empty)
     bpy.context.view_layer.update()
-    levelled.crowd_lod.exceptions[0].region = empty
+    levelled.crowd_lod.overrides[0].region = empty
     about = np.flatnonzero((abs(crowd.x - 1) <= 6) & (abs(crowd.y - 2) <= 6)).tolist()
     assert chosen_agents(levelled)[0] == about
 
 
-def test_a_region_that_moves_is_taken_where_it_is_when_the_exception_begins(levelled):
+def test_a_region_that_moves_is_taken_where_it_is_when_the_override_begins(levelled):
     region = cube(levelled, (-5, -8, -1), (9, 0, 1))
     for number, y in ((1, -4), (11, 6)):
         region.location.y = y
@@ -215,23 +216,23 @@ def test_a_region_that_moves_is_taken_where_it_is_when_the_exception_begins(leve
 
 
 @pytest.mark.parametrize("change", ["moved", "renumbered", "frames", "order"])
-def test_the_plan_says_when_an_exception_has_changed(levelled, tmp_path, change):
+def test_the_plan_says_when_an_override_has_changed(levelled, tmp_path, change):
     region = cube(levelled, (-20, -20, -1), (20, 20, 1))
     add(levelled, "A", agents="1", kind="ALWAYS", level=1, all_frames=False)
     add(levelled, "B", chosen_by="REGION", region=region)
     planned(levelled, tmp_path / "plan")
     assert frame_at(levelled, 2).planned
     settings = levelled.crowd_lod
-    settings.exceptions["A"].name = "another name"
+    settings.overrides["A"].name = "another name"
     assert frame_at(levelled, 2).planned
     if change == "moved":
         region.location.x += 1
     elif change == "renumbered":
-        settings.exceptions[0].agents = "2"
+        settings.overrides[0].agents = "2"
     elif change == "frames":
-        settings.exceptions[0].last_frame = 11
+        settings.overrides[0].last_frame = 11
     else:
-        settings.exceptions.move(0, 1)
+        settings.overrides.move(0, 1)
     bpy.context.view_layer.update()
     assert "for the overrides changed since" in frame_at(levelled, 2).unplanned
 
@@ -256,7 +257,7 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("settings", "says"), WRONG, ids=[says for _, says in WRONG])
-def test_wrong_exceptions_are_named_in_one_sentence_and_change_nothing(
+def test_wrong_overrides_are_named_in_one_sentence_and_change_nothing(
     levelled, tmp_path, settings, says
 ):
     cube(levelled, (500, 500, -1), (501, 501, 1), "far")
@@ -271,11 +272,11 @@ def test_wrong_exceptions_are_named_in_one_sentence_and_change_nothing(
         bpy.ops.crowd_lod.plan_shot()
     assert says in str(told.value) and "Hero" in str(told.value)
     assert not (tmp_path / "plan").exists() and not levelled.crowd_lod.shot_plan
-    levelled.crowd_lod.exceptions[0].use = False
+    levelled.crowd_lod.overrides[0].use = False
     assert bpy.ops.crowd_lod.plan_shot() == {"FINISHED"}
 
 
-def test_an_exception_outside_of_the_plan_has_nobody(levelled):
+def test_an_override_outside_of_the_plan_has_nobody(levelled):
     add(
         levelled,
         chosen_by="REGION",
@@ -290,23 +291,23 @@ def test_an_exception_outside_of_the_plan_has_nobody(levelled):
 def test_the_list_is_edited_by_its_buttons(scene):
     settings = scene.crowd_lod
     for operator in (
-        bpy.ops.crowd_lod.remove_exception,
-        bpy.ops.crowd_lod.move_exception,
-        bpy.ops.crowd_lod.except_agent,
+        bpy.ops.crowd_lod.remove_override,
+        bpy.ops.crowd_lod.move_override,
+        bpy.ops.crowd_lod.add_agent_override,
     ):
         assert not operator.poll()
-    bpy.ops.crowd_lod.add_exception()
+    bpy.ops.crowd_lod.add_override()
     settings.agent = 17
-    bpy.ops.crowd_lod.except_agent()
-    bpy.ops.crowd_lod.add_exception()
-    names = lambda: [each.name for each in settings.exceptions]  # noqa: E731
-    assert names() == ["Override", "Agent 17", "Override"] and settings.exception_index == 2
-    assert settings.exceptions[1].agents == "17" and settings.exceptions[1].use
-    settings.exception_index = 1
-    bpy.ops.crowd_lod.move_exception(by=-1)
-    assert names()[0] == "Agent 17" and settings.exception_index == 0
-    bpy.ops.crowd_lod.move_exception(by=-1)
+    bpy.ops.crowd_lod.add_agent_override()
+    bpy.ops.crowd_lod.add_override()
+    names = lambda: [each.name for each in settings.overrides]  # noqa: E731
+    assert names() == ["Override", "Agent 17", "Override"] and settings.override_index == 2
+    assert settings.overrides[1].agents == "17" and settings.overrides[1].use
+    settings.override_index = 1
+    bpy.ops.crowd_lod.move_override(by=-1)
+    assert names()[0] == "Agent 17" and settings.override_index == 0
+    bpy.ops.crowd_lod.move_override(by=-1)
     assert names()[0] == "Agent 17"
-    bpy.ops.crowd_lod.move_exception(by=1)
-    bpy.ops.crowd_lod.remove_exception()
-    assert names() == ["Override", "Override"] and settings.exception_index == 0
+    bpy.ops.crowd_lod.move_override(by=1)
+    bpy.ops.crowd_lod.remove_override()
+    assert names() == ["Override", "Override"] and settings.override_index == 0

@@ -1,4 +1,4 @@
-"""Buttons that edit agents by hand.
+"""Buttons that override agents.
 
 Each adds to the list of overrides, where its values can be set.
 """
@@ -8,17 +8,17 @@ import numpy as np
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
-from ...crowd_lod.shot.exceptions import agents_text
+from ...crowd_lod.shot.overrides import agents_text
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_data
 from ..blender.labeled_properties import EnumProperty
 from ..blender.operator import Reporting
 from ..overlay import viewport_overlay
 from ..scene.scene_crowd import trajectory_of
-from ..scene.shot_exceptions import find_agents
+from ..scene.shot_overrides import find_agents
 from ..settings import needs
-from ..settings.exception_settings import REGIONS
-from ..sources.hand_edits import without_edits
+from ..settings.override_settings import REGIONS
+from ..sources.crowd_overrides import without_overrides
 
 NUDGE = 0.5  # meters by which one press moves
 # kind: name and icon of its button
@@ -30,13 +30,13 @@ BUTTONS = {
 }
 
 
-class CROWDLOD_OT_edit_agent(Reporting, bpy.types.Operator):
+class CROWDLOD_OT_override_agent(Reporting, bpy.types.Operator):
     bl_description = (
         "Change the picked agent in all frames; the list of overrides holds the change, its "
         "value and its switch"
     )
-    bl_idname = "crowd_lod.edit_agent"
-    bl_label = "Edit Agent"
+    bl_idname = "crowd_lod.override_agent"
+    bl_label = "Override Agent"
     needs = needs.crowd, needs.picked
 
     kind: EnumProperty(
@@ -92,22 +92,22 @@ class CROWDLOD_OT_edit_agent(Reporting, bpy.types.Operator):
 
 
 def _entry(settings, kind: str, name: str, agents: str) -> bpy.types.PropertyGroup:
-    """Return the exception of this kind for these agents alone, in all frames.
+    """Return the override of this kind for these agents alone, in all frames.
 
     It is added if there is none yet, and it is selected and switched on.
     """
     key = kind, "NUMBERS", agents, True
     keys = [
         (entry.kind, entry.chosen_by, entry.agents.strip(), entry.all_frames)
-        for entry in settings.exceptions
+        for entry in settings.overrides
     ]
     if key not in keys:
-        added = settings.exceptions.add()
+        added = settings.overrides.add()
         added.kind = kind
         added.name = name
         added.agents = agents
-    settings.exception_index = keys.index(key) if key in keys else len(keys)
-    entry = settings.exceptions[settings.exception_index]
+    settings.override_index = keys.index(key) if key in keys else len(keys)
+    entry = settings.overrides[settings.override_index]
     entry.use = True
     return entry
 
@@ -128,7 +128,7 @@ def _write_numbers(context, entry) -> str:
 
     Returns a sentence; CrowdError if there are none.
     """
-    trajectory = without_edits(trajectory_of(context.scene))
+    trajectory = without_overrides(trajectory_of(context.scene))
     agents = find_agents(context.scene, entry, trajectory, context.evaluated_depsgraph_get())
     if not len(agents):
         raise CrowdError(
@@ -142,7 +142,7 @@ def _write_numbers(context, entry) -> str:
 
 class CROWDLOD_OT_find_agents(Reporting, bpy.types.Operator):
     bl_description = (
-        "Find who stands in the region at this frame, without edits, and keep their numbers"
+        "Find who stands in the region at this frame, without overrides, and keep their numbers"
     )
     bl_idname = "crowd_lod.find_agents"
     bl_label = "Find Agents"
@@ -150,7 +150,7 @@ class CROWDLOD_OT_find_agents(Reporting, bpy.types.Operator):
 
     def run(self, context) -> str:
         settings = context.scene.crowd_lod
-        return _write_numbers(context, settings.exceptions[settings.exception_index])
+        return _write_numbers(context, settings.overrides[settings.override_index])
 
 
 class CROWDLOD_OT_erase(Reporting, bpy.types.Operator):
@@ -165,7 +165,7 @@ class CROWDLOD_OT_erase(Reporting, bpy.types.Operator):
         settings = context.scene.crowd_lod
         if region is None or region.type not in REGIONS:
             raise CrowdError("No mesh or empty is active: select one about the agents to erase.")
-        entry = settings.exceptions.add()
+        entry = settings.overrides.add()
         try:
             entry.chosen_by = "REGION"
             entry.name = f"Erase {region.name}"
@@ -173,20 +173,22 @@ class CROWDLOD_OT_erase(Reporting, bpy.types.Operator):
             entry.region = region
             sentence = _write_numbers(context, entry)
         except CrowdError:
-            settings.exceptions.remove(len(settings.exceptions) - 1)
+            settings.overrides.remove(len(settings.overrides) - 1)
             raise
-        settings.exception_index = len(settings.exceptions) - 1
+        settings.override_index = len(settings.overrides) - 1
         return sentence
 
 
-def draw_edits(layout) -> None:
-    """Draw the buttons that edit the picked agent."""
+def draw_agent_overrides(layout) -> None:
+    """Draw the buttons that override the picked agent."""
     column = layout.column(align=True)
     for kinds in (("NUDGE", "HIDE"), ("GROUP", "ALWAYS")):
         row = column.row(align=True)
         for kind in kinds:
             text, icon = BUTTONS[kind]
-            row.operator("crowd_lod.edit_agent", text=text, icon=icon, translate=False).kind = kind
+            row.operator(
+                "crowd_lod.override_agent", text=text, icon=icon, translate=False
+            ).kind = kind
 
 
-CLASSES = (CROWDLOD_OT_edit_agent, CROWDLOD_OT_find_agents, CROWDLOD_OT_erase)
+CLASSES = (CROWDLOD_OT_override_agent, CROWDLOD_OT_find_agents, CROWDLOD_OT_erase)

@@ -1,18 +1,18 @@
-"""Exceptions from the shot plan, on small shots that can be tried out."""
+"""Overrides of the shot plan, on small shots that can be tried out."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.frame.planned import EXCEPTED, HIDDEN, LEVEL, PINNED
+from crowd_lod_extension.crowd_lod.frame.planned import HIDDEN, LEVEL, OVERRIDDEN, PINNED
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.crowd_lod.shot.exceptions import (
-    Exemption,
+from crowd_lod_extension.crowd_lod.shot.overrides import (
+    LodOverride,
     agents_text,
     check_level,
-    excepted,
-    marked,
+    override_levels,
+    override_survey,
     parse_agents,
 )
 from crowd_lod_extension.crowd_lod.shot.shot import decide, decided, lower_bound
@@ -25,12 +25,12 @@ from ..support.surveys import BOUNDS, Grid, sequences, some_shot
 
 
 def rule(kind, level=0, agents=(0,), first=None, last=None):
-    return Exemption("Hero", kind, level, np.array(agents, np.intp), "", first, last)
+    return LodOverride("Hero", kind, level, np.array(agents, np.intp), "", first, last)
 
 
 def with_rules(shot, *rules):
-    """The shot with these exceptions."""
-    return replace(shot, survey=excepted(shot.survey, rules))
+    """The shot with these overrides."""
+    return replace(shot, survey=override_survey(shot.survey, rules))
 
 
 @pytest.mark.parametrize(
@@ -84,7 +84,7 @@ def test_agents_that_are_named_are_found_again_when_the_file_grows(agents, rando
         ("1.5", "'1.5'"),
     ],
 )
-def test_agents_that_cannot_be_read_are_named_with_their_exception(text, says):
+def test_agents_that_cannot_be_read_are_named_with_their_override(text, says):
     with pytest.raises(CrowdError, match="^The override Hero ") as told:
         parse_agents(text, 100, "Hero")
     assert says in str(told.value)
@@ -109,7 +109,7 @@ def test_lods_that_an_agent_does_not_have_are_refused():
 @pytest.mark.once
 @pytest.mark.parametrize("engine", ["EEVEE", "CYCLES"])
 @pytest.mark.parametrize("seed", range(4))
-def test_plans_keep_to_the_exceptions_in_their_frames_and_lie_above_their_bound(seed, engine):
+def test_plans_keep_to_the_overrides_in_their_frames_and_lie_above_their_bound(seed, engine):
     shot = some_shot(seed, agents=6, frames=8, lods=4, engine=engine, tolerance=20)
     Grid(shot.survey).kind[Grid(shot.survey).kind == CULLED] = SEEN
     without = Grid(shot.survey).of(shot.allowed)
@@ -132,7 +132,7 @@ def test_plans_keep_to_the_exceptions_in_their_frames_and_lie_above_their_bound(
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_program_finds_the_least_of_all_that_exceptions_leave(seed):
+def test_program_finds_the_least_of_all_that_overrides_leave(seed):
     shot = with_rules(
         some_shot(seed, agents=2, seen=1.0),
         rule("ALWAYS", 2, [0], 2, 3),
@@ -156,7 +156,7 @@ def test_hidden_agents_count_as_culled_and_enter_when_they_appear_in_sight():
     survey.cuts[:] = False
     Grid(survey).kind[:, 1] = SHADOW
     survey.entered[1] = np.array([0, 3])
-    survey = excepted(survey, [rule("HIDE", 0, [0, 1], 2, 3)])
+    survey = override_survey(survey, [rule("HIDE", 0, [0, 1], 2, 3)])
     assert (
         Grid(survey).kind
         == [[SEEN, SHADOW, SEEN, SEEN]]
@@ -167,12 +167,12 @@ def test_hidden_agents_count_as_culled_and_enter_when_they_appear_in_sight():
     assert [each.tolist() for each in survey.entered] == [[], [3], [], [0], []]
 
 
-def test_of_two_exceptions_the_later_one_holds():
+def test_of_two_overrides_the_later_one_holds():
     shot = some_shot(0, agents=3, seen=1.0)
     pin = rule("ALWAYS", 2, [0, 1])
     hide = rule("HIDE", 0, [1, 2])
-    assert Grid(excepted(shot.survey, [hide, pin])).kind[0].tolist() == [SEEN, SEEN, CULLED]
-    assert Grid(excepted(some_shot(0, agents=3, seen=1.0).survey, [pin, hide])).kind[
+    assert Grid(override_survey(shot.survey, [hide, pin])).kind[0].tolist() == [SEEN, SEEN, CULLED]
+    assert Grid(override_survey(some_shot(0, agents=3, seen=1.0).survey, [pin, hide])).kind[
         0
     ].tolist() == [
         SEEN,
@@ -181,8 +181,8 @@ def test_of_two_exceptions_the_later_one_holds():
     ]
 
 
-def test_exceptions_hold_at_every_tolerance_and_for_a_part_of_the_agents():
-    survey = excepted(
+def test_overrides_hold_at_every_tolerance_and_for_a_part_of_the_agents():
+    survey = override_survey(
         some_shot(1, agents=6, seen=1.0).survey,
         [rule("ALWAYS", 1, [1]), rule("NEVER_COARSER", 1, [2])],
     )
@@ -196,12 +196,12 @@ def test_exceptions_hold_at_every_tolerance_and_for_a_part_of_the_agents():
     ).all()
 
 
-def test_stored_levels_are_marked_in_all_frames_of_the_exceptions():
+def test_stored_levels_are_marked_in_all_frames_of_the_overrides():
     rules = [rule("ALWAYS", 2, [1], 3, 4), rule("HIDE", 0, [2], 4)]
     levels = np.array([0, 1, 1], np.uint8)
-    assert marked(levels, 2, rules) is levels
-    assert marked(levels, 3, rules).tolist() == [0, 2 | EXCEPTED | PINNED, 1]
-    row = marked(levels, 4, rules)
-    assert row.tolist() == [0, 2 | EXCEPTED | PINNED, 1 | HIDDEN] and row.dtype == np.uint8
+    assert override_levels(levels, 2, rules) is levels
+    assert override_levels(levels, 3, rules).tolist() == [0, 2 | OVERRIDDEN | PINNED, 1]
+    row = override_levels(levels, 4, rules)
+    assert row.tolist() == [0, 2 | OVERRIDDEN | PINNED, 1 | HIDDEN] and row.dtype == np.uint8
     assert (row & LEVEL).tolist() == [0, 2, 1]
-    assert marked(levels, 5, rules).tolist() == [0, 1, 1 | HIDDEN]
+    assert override_levels(levels, 5, rules).tolist() == [0, 1, 1 | HIDDEN]
