@@ -198,8 +198,8 @@ def test_a_bake_holds_what_its_frames_show_and_nothing_else(built):
     list(bake(built, [3, 4]))
     top = built.crowd_lod.build
     used = 0
-    shelves = {c[SHELF]: c for c in top.children_recursive if c.get(SHELF, -1) >= 0}
-    for level, shelf in shelves.items():
+    shelf_of = {c[SHELF]: c for c in top.children_recursive if c.get(SHELF, -1) >= 0}
+    for level, shelf in shelf_of.items():
         shown = set()
         for points in buckets.points_of(top).values():
             if points[buckets.LEVEL] == level and "pose" in points.data.attributes:
