@@ -24,9 +24,9 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.reporting import interrupt
-from crowd_lod_extension.crowd_lod.reporting.files import staged
-from crowd_lod_extension.crowd_lod.reporting.html_report import STYLE, document
+from crowd_lod_extension.crowd_lod.output import interrupt
+from crowd_lod_extension.crowd_lod.output.files import staged
+from crowd_lod_extension.crowd_lod.output.html_report import STYLE, document
 from markdown import Markdown
 
 ROOT = Path(__file__).resolve().parent

@@ -40,7 +40,7 @@ from chapter_tests import (
     measure_whole_frame,
 )
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.reporting import files, tables
+from crowd_lod_extension.crowd_lod.output import files, tables
 from crowd_lod_extension.operators.runs.error_report import machine_name
 
 # headings of the printed tables -> columns

@@ -18,13 +18,14 @@ import numpy as np
 import peers
 import walkers
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
-from crowd_lod_extension.crowd_lod.crowd.agents import Group, populate
-from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
+from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.frame.index_cache import blocks_at
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy, threshold_distances
+from crowd_lod_extension.crowd_lod.world.first_frame import populate
+from crowd_lod_extension.crowd_lod.world.maps import Area, edge_map
 from crowd_lod_extension.sample_scenes import plaza_map
 from matplotlib.image import imsave
 

@@ -10,7 +10,7 @@ import time
 
 import numpy as np
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, referential, window
-from crowd_lod_extension.crowd_lod.validation.culling_judge import Verdict, judge_culling
+from crowd_lod_extension.crowd_lod.validation.culling_judge import CullingJudgment, judge_culling
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import scatter
 from crowd_lod_extension.crowd_lod.validation.extreme_cases import table, table_text
 
@@ -64,7 +64,7 @@ def audit(lens, pairs, on_planes=0.0):
     lens: one of LENSES.
     on_planes: the part of the agents within roundings of a plane.
     """
-    return sum(_audits(lens, pairs, np.random.default_rng(0), on_planes), Verdict())
+    return sum(_audits(lens, pairs, np.random.default_rng(0), on_planes), CullingJudgment())
 
 
 def _audits(lens, pairs, random, on_planes):

@@ -15,9 +15,9 @@ from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 from crowd_lod_extension.crowd_lod.sorting.buckets import sort
 from crowd_lod_extension.crowd_lod.sources.trajectory import Trajectory
 from crowd_lod_extension.operators.overlay.draw_data import Style, drawing
-from crowd_lod_extension.operators.overlay.gpu_batches import Batches, Cast
+from crowd_lod_extension.operators.overlay.gpu_batches import Batches, GpuBodies
 from crowd_lod_extension.operators.overlay.gpu_draw import paint
-from crowd_lod_extension.operators.overlay.skinned_characters import Character
+from crowd_lod_extension.operators.overlay.skinned_characters import SkinnedCharacter
 
 SIZE = 900, 900  # the chapter's viewport
 JOINTS = 20
@@ -72,8 +72,9 @@ class Screen:
         joints = np.tile(np.eye(3, 4, dtype=np.float32), (FRAMES, JOINTS, 1, 1))
         meshes = tuple(figure(vertices, group) for vertices in group.vertices)
         images = np.empty((0, 1, 1, 4), np.uint8)
-        self.cast = Cast(
-            (group,), (Character("person", joints, meshes, images, np.full(3, 0.5), 0.0, None),)
+        self.bodies = GpuBodies(
+            (group,),
+            (SkinnedCharacter("person", joints, meshes, images, np.full(3, 0.5), 0.0, None),),
         )
         self.canvas = gpu.types.GPUOffScreen(*SIZE, format="RGBA8")
 
@@ -86,7 +87,7 @@ class Screen:
 
         what = drawing(frame, Style("MESHES", culled=False))
         batches = Batches(
-            replace(what, lines=what.lines[:0], line_colors=what.line_colors[:0]), self.cast
+            replace(what, lines=what.lines[:0], line_colors=what.line_colors[:0]), self.bodies
         )
         with self.canvas.bind():
             buffer = gpu.state.active_framebuffer_get()

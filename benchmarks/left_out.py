@@ -11,14 +11,15 @@ from collections import defaultdict
 
 import numpy as np
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
-from crowd_lod_extension.crowd_lod.crowd.agents import Group, populate
+from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.crowd.leave_outs import ALL, STATIC, LeftOut
-from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import StateMachine, load_preset, parse
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 from crowd_lod_extension.crowd_lod.sources.trajectory import Trajectory
 from crowd_lod_extension.crowd_lod.validation.leave_out_timing import plan_leaving
+from crowd_lod_extension.crowd_lod.world.first_frame import populate
+from crowd_lod_extension.crowd_lod.world.maps import Area, edge_map
 
 STAND = (
     '{"version": 1, "labels": {"ground": {"color": "#808080"}}, "states": {"stand": {"color": '

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 from crowd_lod_extension.crowd_lod.crowd.agents import Crowd, Group
-from crowd_lod_extension.crowd_lod.crowd.maps import LabelMap
 from crowd_lod_extension.crowd_lod.crowd.state_machine import StateMachine
 from crowd_lod_extension.crowd_lod.culling.camera import Camera
 from crowd_lod_extension.crowd_lod.culling.frustum import frustum_of
+from crowd_lod_extension.crowd_lod.world.maps import LabelMap
 
 FLAGS = ("-O3", "-march=native", "-shared", "-fPIC")
 

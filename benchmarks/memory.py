@@ -23,7 +23,7 @@ from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender.ownership import remove_owned
 from crowd_lod_extension.operators.render_setup import bake, cost_estimate, render_setup
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
-from crowd_lod_extension.operators.settings.cost_table import Case
+from crowd_lod_extension.operators.settings.cost_table import BuildCase
 from crowd_lod_extension.sample_scenes.scenery import add, aim, camera, material, tile
 from jobs import answer, job, peak_mb
 
@@ -110,7 +110,7 @@ def make(folder: str, crowd: dict) -> dict:
         estimating = cost_estimate.estimate(scene, FRAMES, known=way == "baked")
         found = finished(estimating)
         row[way] = found.as_json["By Tolerance"]
-        work = vars(found.works[Case("BY_TOLERANCE", way == "baked")])
+        work = vars(found.works[BuildCase("BY_TOLERANCE", way == "baked")])
         row[f"{way} work"] = {name: float(np.max(value)) for name, value in work.items()}
         finished(
             bake.bake(scene, FRAMES) if way == "baked" else render_setup.build(read_crowd(scene))

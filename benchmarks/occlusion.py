@@ -20,8 +20,8 @@ import numpy as np
 import street
 from crowd_lod_extension.crowd_lod.frame.frame import Frame
 from crowd_lod_extension.crowd_lod.frame.hidden import hidden_wholly, hide
+from crowd_lod_extension.crowd_lod.output import files, tables
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.crowd_lod.reporting import files, tables
 from crowd_lod_extension.operators.blender import scene_data
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.render_setup import bake, buckets, render_setup

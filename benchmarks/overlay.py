@@ -125,7 +125,7 @@ def ready(scene):
     """Wait until the viewport shows LOD meshes."""
     began = time.monotonic()
     while (
-        not (overlay().display_of(scene) and overlay().display_of(scene).cast)
+        not (overlay().display_of(scene) and overlay().display_of(scene).bodies)
         and time.monotonic() - began < 60
     ):
         redraw()

@@ -25,8 +25,8 @@ import bpy
 import crowd_lod_extension
 import crowds
 from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.output import files, tables
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.crowd_lod.reporting import files, tables
 from crowd_lod_extension.operators.blender import console
 from crowd_lod_extension.operators.blender.mesh_data import count_triangles
 from crowd_lod_extension.operators.blender.ownership import remove_owned

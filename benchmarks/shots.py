@@ -18,10 +18,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from crowd_lod_extension.crowd_lod.animation.phase_classes import Gaits, Library
+from crowd_lod_extension.crowd_lod.animation.phase_classes import Cast, Gaits
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
-from crowd_lod_extension.crowd_lod.crowd.agents import Group, populate
-from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
+from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, window
 from crowd_lod_extension.crowd_lod.frame.frame import plan
@@ -32,15 +31,17 @@ from crowd_lod_extension.crowd_lod.levels.assignment import (
     threshold_distances,
 )
 from crowd_lod_extension.crowd_lod.levels.cost_model import default_costs
+from crowd_lod_extension.crowd_lod.output import files, tables
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.crowd_lod.reporting import files, tables
 from crowd_lod_extension.crowd_lod.shot.coloring import plan_phases
 from crowd_lod_extension.crowd_lod.shot.meetings import strides_of
 from crowd_lod_extension.crowd_lod.shot.phases import recast
-from crowd_lod_extension.crowd_lod.shot.recording import Recorder, begin_recording
+from crowd_lod_extension.crowd_lod.shot.recording import FrameRecorder, begin_recording
 from crowd_lod_extension.crowd_lod.shot.shot import decide
 from crowd_lod_extension.crowd_lod.shot.shot_cost import Bill, Shot, meshes_of
 from crowd_lod_extension.crowd_lod.shot.survey import SEEN, Survey
+from crowd_lod_extension.crowd_lod.world.first_frame import populate
+from crowd_lod_extension.crowd_lod.world.maps import Area, edge_map
 from crowd_lod_extension.sample_scenes import plaza, plaza_map
 from jobs import job, peak_mb
 from worth import LIMIT, PICTURE
@@ -150,18 +151,18 @@ def surveyed(
     trajectory: Walk, camera: Callable[[float], Camera], frames: int
 ) -> tuple[Survey, list[Camera]]:
     """Run through the shot: (its survey, its cameras)."""
-    library = Library(np.zeros(len(GROUPS), np.intp))
+    cast = Cast(np.zeros(len(GROUPS), np.intp))
     recording = begin_recording(
         range(1, frames + 1),
         range(1, frames + 1),
         trajectory.start.group,
-        library.first(trajectory.gaits),
-        library,
-        library.roles(trajectory.gaits),
+        cast.first(trajectory.gaits),
+        cast,
+        cast.roles(trajectory.gaits),
     )
     films = [camera(f / max(frames - 1, 1)) for f in range(frames)]
     before = None
-    with Recorder(recording) as recorder:
+    with FrameRecorder(recording) as recorder:
         for f, film in enumerate(films):
             frame = plan(trajectory, film, POLICY, f + 1)
             recorder.add(frame, before, RAYS)

@@ -5,7 +5,7 @@ Agents walk, are culled, given LODs, and become points that Blender can instance
 
 import bpy
 import numpy as np
-from crowd_lod_extension.crowd_lod.animation.phase_classes import Library
+from crowd_lod_extension.crowd_lod.animation.phase_classes import Cast
 from crowd_lod_extension.crowd_lod.crowd import random_streams
 from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.culling.camera import Camera
@@ -36,11 +36,11 @@ class Points:
     def __call__(self, camera: Camera, frame: int) -> None:
         """The frame, from behavior to points that the dependency graph holds."""
         frame_plan = plan(self.trajectory, camera, self.policy, frame)
-        agents = frame_update.Held(frame_plan.crowd, frame)
+        agents = frame_update.OpenShutter(frame_plan.crowd, frame)
         buckets = [frame_plan.buckets[level] for level in range(len(self.objects))]
-        library = Library(np.full(len(self.trajectory.groups), POSES))
+        cast = Cast(np.full(len(self.trajectory.groups), POSES))
         bucket_columns = frame_update.columns_by_bucket(
-            self.trajectory, frame_plan.crowd, agents, buckets, library
+            self.trajectory, frame_plan.crowd, agents, buckets, cast
         )
         for each, columns in zip(self.objects, bucket_columns, strict=True):
             mesh_data.write_points(each.data, columns)

@@ -41,10 +41,10 @@ from crowd_lod_extension.operators.render_setup import (
     render_setup,
 )
 from crowd_lod_extension.operators.render_setup.hidden_characters import hide_characters
-from crowd_lod_extension.operators.render_setup.shelves import LIBRARY, RIGS
+from crowd_lod_extension.operators.render_setup.shelves import RIGS, SHELF
 from crowd_lod_extension.operators.scene.frame_plan import frame_of, moment_now
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
-from crowd_lod_extension.operators.settings.cost_table import FULL, Case
+from crowd_lod_extension.operators.settings.cost_table import FULL, BuildCase
 from jobs import answer, peak_mb
 
 NOBODY = "nobody"
@@ -170,10 +170,10 @@ def _counted(scene: bpy.types.Scene, way: str, agents: int) -> dict:
         finished(bake.bake(scene, FRAMES[:1]))
         return {
             name: float(np.sum(value))
-            for name, value in vars(works[Case("BY_DISTANCE", True)]).items()
+            for name, value in vars(works[BuildCase("BY_DISTANCE", True)]).items()
         }
     top = scene.crowd_lod.build
-    full = works[Case(FULL, True)]
+    full = works[BuildCase(FULL, True)]
     dress_scene(scene, EVERYONE)
     return counted(top) | {
         "rays": float(full.rays[0]),
@@ -187,7 +187,7 @@ def counted(top: bpy.types.Collection) -> dict[str, int]:
     See crowd_lod/levels/cost_model.py.
     """
     (points,) = buckets.points_of(top).values()
-    shelf = next(child for child in top.children_recursive if child.get(LIBRARY, -1) == 0)
+    shelf = next(child for child in top.children_recursive if child.get(SHELF, -1) == 0)
     homes = sorted(shelf.children, key=lambda home: home.name)
     triangles = np.array(
         [sum(mesh_data.count_triangles(item.data) for item in home.objects) for home in homes]
@@ -251,12 +251,12 @@ def dress_scene(scene: bpy.types.Scene, way: str) -> None:
     top = settings.build
     points = buckets.points_of(top)
     rows = {bucket: [] for bucket in points}
-    library = render_setup.library_of(top, trajectory)
+    cast = render_setup.cast_of(top, trajectory)
     for number in FRAMES:
         scene.frame_set(number)
         frame = frame_of(crowd, moment_now(scene, scene.view_layers[0].depsgraph))
         agents = np.arange(len(frame.crowd))
-        crowd_now = frame_update.Held(frame.crowd, frame.time)
+        crowd_now = frame_update.OpenShutter(frame.crowd, frame.time)
         for bucket in points:
             is_used = (
                 bucket == (buckets.BucketKind.LOD, 0)
@@ -265,7 +265,7 @@ def dress_scene(scene: bpy.types.Scene, way: str) -> None:
             )
             if is_used:
                 rows[bucket].append(
-                    bake.columns_in_time(trajectory, crowd_now, number, agents, library)
+                    bake.columns_in_time(trajectory, crowd_now, number, agents, cast)
                 )
     bake.mark(scene, FRAMES)
     render_setup.dress_all(scene)

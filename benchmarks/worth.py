@@ -19,9 +19,9 @@ from pathlib import Path
 import bpy
 import numpy as np
 from bench import table
-from crowd_lod_extension.crowd_lod.reporting import files as outputs
-from crowd_lod_extension.crowd_lod.reporting import tables
-from crowd_lod_extension.crowd_lod.reporting.error_plots import COLORS
+from crowd_lod_extension.crowd_lod.output import files as outputs
+from crowd_lod_extension.crowd_lod.output import tables
+from crowd_lod_extension.crowd_lod.output.error_plots import COLORS
 from crowd_lod_extension.operators.runs.error_report import machine_name
 from jobs import job
 from ways import BAKED, EVERYONE, FRAMES, NOBODY, shown_by

@@ -29,6 +29,7 @@ HOUSES = {
 WIDTH = 1.1
 HEIGHT = 0.7
 LETTERS = 31  # of a line in a box of that width
+ARROW = {"arrowstyle": "-|>", "lw": 1.2}
 
 
 def imports() -> dict[tuple[str, str], set[tuple[str, str]]]:
@@ -146,7 +147,8 @@ def house(axes: Axes, package: str, all_imports: dict, rows: dict[str, int], tal
                 (places[other][0] + 0.15 * (x - places[other][0]), places[other][1] + HEIGHT / 2),
                 (x, y - HEIGHT / 2),
             )
-            axes.annotate("", *ends, arrowprops={"arrowstyle": "-|>", "color": color, "lw": 1.2})
+            # behind boxes that it passes
+            axes.annotate("", *ends, arrowprops=ARROW | {"color": color}, zorder=1)
     side = 0.6 * max(
         len([floor for floor in FLOORS[package] if rows.get(floor) == row])
         for row in range(top + 1)

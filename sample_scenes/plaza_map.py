@@ -7,8 +7,8 @@ within.
 
 import numpy as np
 
-from ..crowd_lod.crowd.maps import Area, LabelMap
 from ..crowd_lod.crowd.state_machine import StateMachine
+from ..crowd_lod.world.maps import Area, LabelMap
 
 SIZE = 144.0
 CELL = 0.5

@@ -163,7 +163,7 @@ def cycles_of(groups: Sequence[Group], action: str = "") -> np.ndarray:
 
 @dataclass(frozen=True)
 class Roles:
-    """What the characters of a Library play. A block is what one group plays at one rate.
+    """What the characters of a Cast play. A block is what one group plays at one rate.
 
     block: (N,) intp, the block of each character; -1 for those of groups that are posed.
     phase_class: (N,) uint8, its class in the block.
@@ -177,7 +177,7 @@ class Roles:
 
 
 @dataclass(frozen=True)
-class Library:
+class Cast:
     """The characters that agents of a LOD may show.
 
     They are numbered from 0 through all groups.

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..crowd.maps import Area, LabelMap
+from ..world.maps import Area, LabelMap
 
 # Agents that walk more cells than this in a step pass those of one label at once.
 FAR = 2

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from ..crowd.maps import LabelMap
 from ..crowd.state_machine import StateMachine
 from ..errors import CrowdError
+from ..world.maps import LabelMap
 
 # A step may cross this many cells; one that would cross more is refused, it would seem to hang.
 MOST_CELLS = 65_536

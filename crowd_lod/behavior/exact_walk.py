@@ -22,9 +22,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..crowd.agents import Crowd
-from ..crowd.maps import LabelMap
 from ..crowd.state_machine import StateMachine
 from ..messages import Message, MessageKind
+from ..world.maps import LabelMap
 from .plain_step import advance
 
 

@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..crowd.agents import Crowd
-from ..crowd.maps import LabelMap
 from ..crowd.state_machine import StateMachine
+from ..world.maps import LabelMap
 from .tabulated_step import BLOCK, Tables, merge_columns, step_within_cells
 
 # The most steps that are known ahead.

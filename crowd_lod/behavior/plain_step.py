@@ -21,9 +21,9 @@ import numpy as np
 
 from ..crowd import random_streams
 from ..crowd.agents import Crowd
-from ..crowd.maps import LabelMap
 from ..crowd.state_machine import StateMachine
 from ..progress import check_cancelled
+from ..world.maps import LabelMap
 from . import cell_borders
 from .cell_borders import Walkers
 

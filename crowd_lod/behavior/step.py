@@ -8,8 +8,8 @@ many steps in a row who need not look at the map at all. Callers do not choose: 
 from functools import partial
 
 from ..crowd.agents import Crowd
-from ..crowd.maps import LabelMap
 from ..crowd.state_machine import StateMachine
+from ..world.maps import LabelMap
 from .courant_number import check_speeds
 from .fading import fade
 from .lookahead import Ahead, look_ahead, plan_turns, step_ahead

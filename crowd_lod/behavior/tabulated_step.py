@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..crowd.agents import Crowd
-from ..crowd.maps import LabelMap
 from ..crowd.state_machine import StateMachine
+from ..world.maps import LabelMap
 from .cell_borders import same_beside
 
 # Agents a block: its columns stay in the processor's cache.

@@ -11,13 +11,14 @@ import numpy as np
 
 from ..animation.phase_classes import gaits_of
 from ..crowd.agents import CLASSES, Crowd, Group
-from ..crowd.leave_outs import ALL, NOTHING, STILL, LeftOut, needless, needless_of_places
-from ..crowd.maps import Area, LabelMap
+from ..crowd.leave_outs import ALL, NOTHING, STILL, LeftOut
 from ..crowd.state_machine import StateMachine
-from ..crowd.terrain import Ground, Terrain
 from ..crowd.velocity_bounds import STANDING, VelocityBounds
 from ..progress import run_in_thread
 from ..sources.trajectory import PART, States, Trajectory
+from ..world.maps import Area, LabelMap
+from ..world.needless import needless, needless_of_places
+from ..world.terrain import Ground, Terrain
 from .plain_step import look_up_paces
 from .step import Steps
 

@@ -1,7 +1,6 @@
-"""The crowd and its world: agents, maps, and the state machine.
+"""The crowd: agents, groups, wardrobes, spheres, and the state machine.
 
-In: counts, seeds, images of labels as arrays, JSON.
-Out: Crowd, one array per column, (n,) float64 meters, (n,) uint8 states and groups; LabelMap,
-    HeightMap; StateMachine.
+In: counts, seeds, JSON.
+Out: Crowd, one array per column, (n,) float64 meters, (n,) uint8 states and groups; StateMachine.
 World space, z up. Nothing here changes with time.
 """

@@ -1,7 +1,4 @@
-"""The crowd, one array per column, and its first frame (chapter section 1.2).
-
-The chapter calls the first frame "Populating".
-"""
+"""The crowd, one array per column (chapter section 1.2)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -10,11 +7,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import CrowdError
-from ..format import counted
-from . import morton_order, random_streams
-from .maps import LabelMap
+from . import random_streams
 from .paces import mixed_in
-from .state_machine import StateMachine
 
 MOST_AGENTS = 10_000_000
 MOST_GROUPS = 255
@@ -290,108 +284,3 @@ class Crowd:
         if origin is None:
             return x, y, z
         return x - origin[0], y - origin[1], z - origin[2]
-
-
-def populate(
-    count: int,
-    seed: int,
-    groups: Shares,
-    machine: StateMachine,
-    world: LabelMap,
-    classes: int = CLASSES,
-) -> Crowd:
-    """Return the crowd's first frame: `count` agents at random positions.
-
-    The same arguments give the same crowd, bit for bit.
-
-    Position: uniform on the labels where `machine` lets agents spawn.
-    State: by the start weights of `machine`.
-    Group: uniform, of as many as `groups` says, or by the weights in it.
-    Phase: uniform, of `classes`.
-    Heading: that of the first move; uniform for agents that stand.
-
-    Agents of one group follow one another. From IN_PLACE agents on, each group follows a Morton
-    curve.
-
-    CrowdError if a count is out of range, or if no label lets agents spawn.
-    """
-    check_counts(count, groups)
-    open_cells = np.flatnonzero(machine.spawn[world.labels])
-    if not len(open_cells):
-        raise CrowdError(
-            "The map has no place where agents may spawn: paint a label whose spawn is true."
-        )
-    random = np.random.Generator(np.random.PCG64(seed))
-    cell = open_cells[random.integers(len(open_cells), size=count)]
-    row, column = np.divmod(cell, world.labels.shape[1])
-    x = world.area.x_min + (column + random.random(count)) * world.cell[0]
-    y = world.area.y_min + (row + random.random(count)) * world.cell[1]
-    points = x, y, np.full(count, world.area.z)
-    return place_agents(points, None, random, (seed, groups, classes), machine, world)
-
-
-def _groups(groups: Shares, count: int, random: np.random.Generator) -> np.ndarray:
-    """Return a group for each of `count` agents, (n,) uint8, increasing; see populate."""
-    if isinstance(groups, Draw):
-        return groups.groups[_groups(groups.weights, count, random)]
-    if isinstance(groups, int):
-        return np.sort(random.integers(groups, size=count, dtype=np.uint8))
-    until = np.cumsum(groups)
-    if not 0 < until[-1] < np.inf:
-        raise CrowdError(
-            "The shares of the crowd's character groups sum to nothing: give one a share above 0."
-        )
-    drawn = np.searchsorted(until[:-1] / until[-1], random.random(count), side="right")
-    return np.sort(drawn.astype(np.uint8))
-
-
-def check_counts(count: int, groups: Shares = 1) -> None:
-    """Raise CrowdError if a count of agents or of groups is out of range; groups: see populate."""
-    groups = groups if isinstance(groups, int) else len(groups)
-    if not 1 <= count <= MOST_AGENTS:
-        raise CrowdError(
-            f"The crowd has {counted(count, 'agent')}: set Agents to a number from 1 to "
-            f"{MOST_AGENTS:,}."
-        )
-    if not 1 <= groups <= MOST_GROUPS:
-        raise CrowdError(f"The crowd has {groups} character groups; give it 1 to {MOST_GROUPS}.")
-
-
-def place_agents(
-    points: Sequence[np.ndarray],
-    heading: np.ndarray | None,
-    random: np.random.Generator,
-    numbers: tuple[int, Shares, int],
-    machine: StateMachine,
-    world: LabelMap,
-) -> Crowd:
-    """Return a crowd at the points x, y, z, (n,) each; see populate.
-
-    heading: (n,) float32, NaN for agents that are to get one; None for all.
-    random: gives all that is drawn.
-    numbers: seed of the agents' own streams, groups (see populate), classes.
-    """
-    x, y, z = points
-    seed, groups, classes = numbers
-    count = len(x)
-    until = np.cumsum(machine.start)[:-1]
-    state = np.searchsorted(until, random.random(count), side="right").astype(np.uint8)
-    group = _groups(groups, count, random)
-    phase = (random.random(count, dtype=np.float32) * np.float32(classes)).astype(np.uint8)
-    label = world.at(x, y)
-    pace = machine.paces.of[state, label]
-    vx, vy = machine.velocity[state, label].T
-    any_heading = random.uniform(-np.pi, np.pi, count)
-    moves = (vx != 0) | (vy != 0)
-    first_heading = np.where(moves, np.arctan2(vy, vx), any_heading).astype(np.float32)
-    if heading is None:
-        heading = first_heading
-    else:
-        heading = np.where(np.isnan(heading), first_heading, heading)
-    if count >= IN_PLACE:
-        order = morton_order.order_of(x, y, group, world.area)
-        x, y, z, heading, state, group, phase, pace = (
-            column[order] for column in (x, y, z, heading, state, group, phase, pace)
-        )
-    key = random_streams.keys(seed, count)
-    return Crowd(x, y, z, heading, state, group, phase, machine.waits(state, key), key, pace=pace)

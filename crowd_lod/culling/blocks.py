@@ -18,10 +18,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..crowd import morton_order
 from ..crowd.agents import Crowd
 from ..crowd.bounding_spheres import Spheres
-from ..crowd.maps import Area
+from ..world import morton_order
+from ..world.maps import Area
 from .frustum_box_test import COLUMNS, HUGE, SLACK, BoxTest, Look
 
 LEAF = 16  # agents in one of the smallest blocks

@@ -13,7 +13,7 @@ NEAREST = 3.0  # meters between the camera and the place that it looks at, at le
 
 
 @dataclass(frozen=True)
-class View:
+class LevelCamera:
     """A camera that stands upright and looks level.
 
     eye: (3,) float64, world meters.
@@ -26,7 +26,7 @@ class View:
     far: float
 
 
-def framing(places: np.ndarray, across: float, below: float, above: float) -> View:
+def framing(places: np.ndarray, across: float, below: float, above: float) -> LevelCamera:
     """Return the view over the densest of `places` that holds most of them from the least distance.
 
     places: (n, 3) float64, n > 0, world meters: the feet of all agents at several times.
@@ -49,7 +49,7 @@ def framing(places: np.ndarray, across: float, below: float, above: float) -> Vi
     away = max(float(distances[best]), NEAREST)
     eye = middle + np.array([*(-away * way), EYE])
     far = float(((places[:, :2] - eye[:2]) @ way).max())
-    return View(eye, way, 1.1 * max(far, away) + NEAREST)
+    return LevelCamera(eye, way, 1.1 * max(far, away) + NEAREST)
 
 
 def _densest(places: np.ndarray) -> np.ndarray:

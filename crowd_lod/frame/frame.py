@@ -11,6 +11,7 @@ import numpy as np
 from ..crowd.agents import Crowd
 from ..crowd.leave_outs import ITEMS, STATIC, STILL, LeftOut
 from ..culling.camera import Camera, as_pictured
+from ..culling.coverage import covered_pixels
 from ..culling.radar import RadarOptions, radar
 from ..levels.assignment import Bias, LevelPolicy, assign, deviations, threshold_distances
 from ..sorting.buckets import Buckets
@@ -107,6 +108,14 @@ class Frame(Request, Outcome):
         """(n,) bool: who is there, and not visible."""
         present = self.crowd.present
         return ~self.visible if present is None else present & ~self.visible
+
+    def covered(self) -> float:
+        """Return roughly how many pixels of the picture the visible agents cover."""
+        agents = self.buckets.order
+        spheres = self.trajectory.spheres
+        places = np.stack(self.crowd.places(spheres.center, agents, self.camera.origin))
+        radius = spheres.radius[self.crowd.group[agents]]
+        return covered_pixels(self.camera, places, radius)
 
     @cached_property
     def distances(self) -> np.ndarray:

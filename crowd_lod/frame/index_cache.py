@@ -20,11 +20,11 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ..crowd import morton_order
 from ..crowd.leave_outs import STILL
 from ..crowd.velocity_bounds import STANDING, VelocityBounds
 from ..culling import blocks
 from ..sources.trajectory import PART, Trajectory
+from ..world import morton_order
 
 # Blocks may be asked for so many frames before they are computed, or after the next ones are: a
 # shutter opens and closes around its frame.

@@ -1,7 +1,7 @@
 """A plan as instances: which agents a shot shows, as which prototypes, and their rotations.
 
 A prototype is a character of a LOD: LOD x number of characters + the character's number in its
-Library.
+Cast.
 """
 
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..animation.phase_classes import Library
+from ..animation.phase_classes import Cast
 from .frame import Frame
 
 
@@ -27,8 +27,8 @@ class FrameInstances:
     off: float
 
 
-def instances_of_frame(frame: Frame, library: Library) -> FrameInstances:
-    """Return who `frame` shows, as characters of the `library`."""
+def instances_of_frame(frame: Frame, cast: Cast) -> FrameInstances:
+    """Return who `frame` shows, as characters of the `cast`."""
     kinds = [
         buckets for buckets in (frame.buckets, frame.shadow, frame.mirrored) if buckets is not None
     ]
@@ -41,14 +41,14 @@ def instances_of_frame(frame: Frame, library: Library) -> FrameInstances:
     levels = levels[order]
     gaits = frame.trajectory.gaits
     seconds = frame.trajectory.seconds(frame.time)
-    character = library.character_of(gaits, frame.crowd, seconds, agents)
-    count = library.posed[frame.crowd.group[agents]]
+    character = cast.character_of(gaits, frame.crowd, seconds, agents)
+    count = cast.posed[frame.crowd.group[agents]]
     phase = gaits.phase(frame.crowd, seconds, agents).astype(np.float64)
     pose = np.where(count > 1, phase * count, 0.0)
     off = np.abs(pose - np.rint(pose)) / np.maximum(count, 1)
     return FrameInstances(
         agents=agents,
-        prototype=levels * int(library.first(gaits)[-1]) + character,
+        prototype=levels * int(cast.first(gaits)[-1]) + character,
         off=float(off.max(initial=0.0)),
     )
 

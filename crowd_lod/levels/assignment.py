@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..crowd.agents import Group
-from ..crowd.maps import Area
 from ..culling.camera import Camera
 from ..errors import CrowdError
+from ..world.maps import Area
 
 MOST_LEVELS = 8
 LEAST_GAP = 0.001  # between thresholds that push each other along, and from 0 to the first

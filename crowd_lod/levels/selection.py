@@ -32,7 +32,7 @@ class View:
     nearest, farthest: meters from `camera`, of all the group's agents.
     distance: (m,) meters, of each agent; empty if not known.
     character: (m,) intp, which of its group's characters each agent shows
-        (animation/phase_classes.py, Library); empty if not known.
+        (animation/phase_classes.py, Cast); empty if not known.
     agents: (m,) intp, how many agents stand there; or 1.
     frame: of the timeline.
     lods: (m, 2) intp, the finest and the coarsest LOD that overrides allow; or (2,), of all.

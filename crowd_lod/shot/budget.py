@@ -42,7 +42,7 @@ class BudgetPlan(ShotPlan):
 
 
 @dataclass(frozen=True)
-class _Limits:
+class _BudgetLimits:
     """The Q kinds of load that have a limit.
 
     names: Q of them.
@@ -65,7 +65,7 @@ class _Limits:
         return bool((self.loads(shown) <= self.most).all()) and _memory(shot, shown) <= self.memory
 
 
-def _limits(shot: Shot, budget: Budget) -> _Limits:
+def _limits(shot: Shot, budget: Budget) -> _BudgetLimits:
     triangles = shot.meshes.triangles
     first = np.zeros_like(triangles)
     first[:, 0] = 1
@@ -78,7 +78,7 @@ def _limits(shot: Shot, budget: Budget) -> _Limits:
     unit_loads = np.array([table.T[:, owner] for _, table, _ in limited]).reshape(
         -1, shot.meshes.count, len(owner)
     )
-    return _Limits(
+    return _BudgetLimits(
         [name for name, *_ in limited],
         unit_loads,
         np.array([most for *_, most in limited], np.float64),
@@ -120,7 +120,7 @@ def decide_within(
     return BudgetPlan(found.levels, found, thresholds, plan.weight, bound, tolerance)
 
 
-def _check(shot: Shot, limits: _Limits) -> None:
+def _check(shot: Shot, limits: _BudgetLimits) -> None:
     """Raise CrowdError if even the coarsest LODs break a limit, whatever the tolerance."""
     wide = relaxed(shot, inf)
     agents = wide.least_shown
@@ -152,7 +152,7 @@ def relaxed(shot: Shot, tolerance: float) -> Shot:
     )
 
 
-def _least_tolerance(shot: Shot, limits: _Limits) -> Generator[float, None, float]:
+def _least_tolerance(shot: Shot, limits: _BudgetLimits) -> Generator[float, None, float]:
     """Find the least tolerance at which the coarsest LODs are within the limits.
 
     Yields the progress. Returns 0 if the policy's LODs are within them.
@@ -172,7 +172,7 @@ def _least_tolerance(shot: Shot, limits: _Limits) -> Generator[float, None, floa
     return (yield from open_ended_progress(least_tolerance(fits, low, high), BISECTIONS))
 
 
-def _within(shot: Shot, limits: _Limits, plan: ShotPlan) -> Generator[float, None, Bill]:
+def _within(shot: Shot, limits: _BudgetLimits, plan: ShotPlan) -> Generator[float, None, Bill]:
     """Decide on the shot within the limits: yield the progress, return the bill.
 
     shot: with LODs of which the coarsest are within the limits.

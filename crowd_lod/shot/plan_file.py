@@ -4,7 +4,7 @@ version: VERSION.
 numbers: (F,) int64, frames of the timeline. times: (F,) float64, the same in frames of the
     animation. Both increase.
 cameras: (F, E, 21) float64, of frame.planned.numbers_of.
-made_for: texts: pairs of what the plan was made for and its digest.
+made_of: texts: pairs of what the plan was made of and its digest.
 blend_file: the name of the .blend file that it was made for; "" if that was not saved.
 tolerance: the most pixels that LODs may deviate, or NaN if thresholds by distance chose them.
 shift, finer: (n,) uint8; counts: (B,) uint8: the shot's phase classes, see phases.Phases.
@@ -41,7 +41,7 @@ FORM = {
     "numbers": ("i", 1),
     "times": ("f", 1),
     "cameras": ("f", 3),
-    "made_for": ("U", 2),
+    "made_of": ("U", 2),
     "blend_file": ("U", 0),
     "tolerance": ("f", 0),
     "shift": ("u", 1),
@@ -59,7 +59,7 @@ class StoredPlan:
     numbers: np.ndarray
     times: np.ndarray
     cameras: np.ndarray
-    made_for: Mapping[str, str]
+    made_of: Mapping[str, str]
     tolerance: float | None
     phases: Phases
     cast: np.ndarray
@@ -105,7 +105,7 @@ def write(path: Path, stored: StoredPlan, levels: Iterable[np.ndarray]) -> None:
     arrays: dict[str, Any] = {
         "version": np.array(VERSION),
         "blend_file": np.array(stored.blend_file),
-        "made_for": np.array(list(stored.made_for.items()), np.str_),
+        "made_of": np.array(list(stored.made_of.items()), np.str_),
         "cast": stored.cast,
         "tolerance": np.array(np.nan if stored.tolerance is None else stored.tolerance),
     }
@@ -141,7 +141,7 @@ def read(path: Path) -> StoredPlan:
         numbers=arrays["numbers"],
         times=arrays["times"],
         cameras=arrays["cameras"],
-        made_for=dict(arrays["made_for"].tolist()),
+        made_of=dict(arrays["made_of"].tolist()),
         blend_file=str(arrays["blend_file"]),
         phases=Phases(arrays["shift"], arrays["counts"], arrays["finer"]),
         cast=arrays["cast"],
@@ -168,8 +168,8 @@ def _wrong_in(arrays: Mapping[str, np.ndarray]) -> list[str]:
     cameras = arrays["cameras"]
     if len(cameras) != frames or cameras.shape[2] != CAMERA_SIZE or not np.isfinite(cameras).all():
         wrong.append("cameras")
-    if arrays["made_for"].shape[1] != 2:
-        wrong.append("made_for")
+    if arrays["made_of"].shape[1] != 2:
+        wrong.append("made_of")
     if len(arrays["finer"]) != len(arrays["shift"]) or arrays["shift"].max(initial=0) >= CLASSES:
         wrong.append("shift")
     if not ((arrays["counts"] > 0) & (arrays["counts"] <= CLASSES)).all():

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..animation.phase_classes import Library, Roles
+from ..animation.phase_classes import Cast, Roles
 from ..culling.radar import RadarOptions, radar
 from ..errors import CrowdError
 from ..frame.frame import Frame
@@ -31,7 +31,7 @@ MOST_BYTES = 16 * 2**30  # of a survey
 
 
 @dataclass(frozen=True)
-class Record:
+class FrameRecord:
     """What a survey knows of one frame, of m agents that are not culled; else as in Survey.
 
     present: (n / 8,) uint8, a bit for each agent: whether it is one of them. Their numbers would
@@ -53,13 +53,13 @@ class Record:
 
 
 @dataclass
-class Recording:
+class SurveyRecording:
     """A survey that is being made.
 
     tolerance: pixels, by which a LOD may deviate besides as many as its agent is blurred wide; None
         where LODs are chosen otherwise.
     bounds: (G, K) meters, of the LODs, with a tolerance.
-    library: the characters that agents show.
+    cast: the characters that agents show.
     meters: that a unit of the frames' crowd is.
     records: of the frames so far.
     The other fields are those of Survey.
@@ -69,12 +69,12 @@ class Recording:
     times: np.ndarray
     group: np.ndarray
     owner: np.ndarray
-    library: Library
+    cast: Cast
     roles: Roles | None = None
     meters: float = 1.0
     tolerance: float | None = None
     bounds: np.ndarray | None = None
-    records: list[Record] = field(default_factory=list)
+    records: list[FrameRecord] = field(default_factory=list)
 
     def add(
         self, frame: Frame, before: Frame | None = None, rays: float = 0.0, cut: bool = False
@@ -139,13 +139,13 @@ def begin_recording(
     times: Sequence[float],
     group: np.ndarray,
     first: np.ndarray,
-    library: Library,
+    cast: Cast,
     roles: Roles | None = None,
-) -> Recording:
+) -> SurveyRecording:
     """Return a recording of these frames, without any yet.
 
     group: (n,) uint8, of each agent.
-    first: (G + 1,) intp, the first character of each group, and the total (Library.first).
+    first: (G + 1,) intp, the first character of each group, and the total (Cast.first).
     CrowdError if there are no frames, or more than memory is likely to hold.
     """
     frames = len(numbers)
@@ -163,32 +163,32 @@ def begin_recording(
             f"A plan of {agents:,} agents in {frames:,} frames takes over "
             f"{MOST_BYTES / 2**30:.0f} GB of memory: plan fewer frames."
         )
-    return Recording(
+    return SurveyRecording(
         numbers=np.array(numbers, np.int64),
         times=np.array(times, np.float64),
         group=np.asarray(group, np.uint8),
         owner=np.repeat(np.arange(len(first) - 1, dtype=np.uint8), np.diff(first)),
-        library=library,
+        cast=cast,
         roles=roles,
     )
 
 
-class Recorder:
+class FrameRecorder:
     """Records frames beside the work on the next frame, in a thread of its own."""
 
-    def __init__(self, recording: Recording) -> None:
+    def __init__(self, recording: SurveyRecording) -> None:
         self.recording = recording
         self._pool = ThreadPoolExecutor(1)
         self._last: Future[None] | None = None
 
-    def __enter__(self) -> "Recorder":
+    def __enter__(self) -> "FrameRecorder":
         return self
 
     def __exit__(self, *_: object) -> None:
         self._pool.shutdown(cancel_futures=True)
 
     def add(self, *about: Any) -> None:
-        """Record one frame; `about` are the arguments of `Recording.add`. Errors are those of the
+        """Record one frame; `about` are the arguments of `SurveyRecording.add`. Errors are those of the
         frame before.
         """
         self.finish()
@@ -201,14 +201,14 @@ class Recorder:
             self._last.result()
 
 
-def _type_of(recording: Recording, name: str) -> np.dtype:
+def _type_of(recording: SurveyRecording, name: str) -> np.dtype:
     if name == "scale":
         return np.dtype(np.float16)
     most = max(len(recording.owner) - 1, 0) if name == "character" else 0
     return np.min_scalar_type(most)
 
 
-def _cells_of(records: Sequence[Record], agents: int) -> Cells:
+def _cells_of(records: Sequence[FrameRecord], agents: int) -> Cells:
     """Return the cells of these frames of so many agents."""
     number = np.min_scalar_type(len(records))
     first = np.zeros(agents, number)
@@ -221,14 +221,14 @@ def _cells_of(records: Sequence[Record], agents: int) -> Cells:
     return Cells(first, last)
 
 
-def _unpacked(record: Record, agents: int) -> np.ndarray:
+def _unpacked(record: FrameRecord, agents: int) -> np.ndarray:
     """Return which of so many agents are not culled, (n,) bool."""
     return np.unpackbits(record.present, count=agents).view(bool)
 
 
 def _record(
-    recording: Recording, frame: Frame, before: Frame | None, rays: float, cut: bool
-) -> Record:
+    recording: SurveyRecording, frame: Frame, before: Frame | None, rays: float, cut: bool
+) -> FrameRecord:
     """Return what the survey knows of the planned `frame`."""
     kinds = np.zeros(len(frame.crowd), np.uint8)
     levels = np.zeros(len(frame.crowd), np.uint8)
@@ -246,7 +246,7 @@ def _record(
     coarsest = levels[agents]
     gaits = frame.trajectory.gaits
     seconds = frame.trajectory.seconds(frame.time)
-    character = recording.library.character_of(gaits, frame.crowd, seconds, agents)
+    character = recording.cast.character_of(gaits, frame.crowd, seconds, agents)
     is_seen = present_kinds == SEEN
     seen_agents = agents[is_seen]
     scale = np.zeros(len(agents), np.float16)
@@ -266,7 +266,7 @@ def _record(
         (near,) = np.nonzero(is_seen & (coarsest <= MEET_LEVEL) & is_rigged)
         encounters = _close(recording, frame, agents[near], scale[near], character[near])
     entered, left = _clipped_between(frame, None if cut else before)
-    return Record(
+    return FrameRecord(
         present=_mapped(np.packbits(present)),
         kind=_mapped(present_kinds),
         coarsest=_mapped(coarsest),
@@ -294,7 +294,7 @@ def _mapped(values: np.ndarray) -> np.ndarray:
 
 
 def _close(
-    recording: Recording,
+    recording: SurveyRecording,
     frame: Frame,
     agents: np.ndarray,
     scale: np.ndarray,

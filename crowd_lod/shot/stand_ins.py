@@ -6,26 +6,26 @@ of which is a phase class of what a group plays. Other frames may ask for any me
 
 import numpy as np
 
-from ..animation.phase_classes import Gaits, Library, Roles
+from ..animation.phase_classes import Cast, Gaits, Roles
 from ..crowd.agents import CLASSES
 
 
-def hold_shown(cast: np.ndarray, planned: Library, library: Library, gaits: Gaits) -> np.ndarray:
+def hold_shown(shown: np.ndarray, planned: Cast, cast: Cast, gaits: Gaits) -> np.ndarray:
     """Return the meshes that a build holds, (K, N) bool: K LODs of N characters.
 
-    cast: (K, L) bool, the meshes that the plan's frames show, numbered by the Library `planned`.
-    library: the Library of the build, with N characters. It may pose groups that the plan takes for
+    shown: (K, L) bool, the meshes that the plan's frames show, numbered by the Cast `planned`.
+    cast: the Cast of the build, with N characters. It may pose groups that the plan takes for
         rigged: of these it holds all poses.
 
     Besides, one class of all that a group plays has all LODs. So other frames than the plan's show
     no agent coarser than they ask for.
     """
-    roles = library.roles(gaits)
-    first = library.first(gaits)
-    is_held = np.ones((len(cast), first[-1]), bool)
-    for g in np.flatnonzero(library.posed == 0):
+    roles = cast.roles(gaits)
+    first = cast.first(gaits)
+    is_held = np.ones((len(shown), first[-1]), bool)
+    for g in np.flatnonzero(cast.posed == 0):
         of_group = slice(*planned.first(gaits)[g : g + 2])
-        is_held[:, first[g] : first[g + 1]] = cast[:, of_group]
+        is_held[:, first[g] : first[g + 1]] = shown[:, of_group]
     for block in np.unique(roles.block[roles.block >= 0]):
         (members,) = np.nonzero(roles.block == block)
         is_held[:, members[is_held[:, members].sum(axis=0).argmax()]] = True

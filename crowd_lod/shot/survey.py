@@ -45,7 +45,7 @@ class Survey:
         that they have. 0 for culled agents.
     scale: (N,) float16, pixels that one meter shows at the agent's nearest part, rounded up; no
         part counts as nearer than the camera's near clip. 0 for agents that are not seen.
-    character: (N,) uint8 or uint16, which of the L characters of the library an agent shows.
+    character: (N,) uint8 or uint16, which of the L characters of the cast an agent shows.
     group: (n,) uint8, the group of each agent.
     owner: (L,) uint8, the group of each character.
     rays: (F,) float64, samples of the pixels that agents cover (levels/cost_model.py).

@@ -13,7 +13,7 @@ from .switches import NOTHING, largest
 
 
 @dataclass(frozen=True)
-class Change:
+class LargestSwitch:
     """The largest switch in sight: pixels by which it changes the picture, and where it is."""
 
     pixels: float
@@ -51,7 +51,7 @@ class Clipped:
 class Verdict:
     """The worst that a viewer may notice; None where there is no such thing."""
 
-    change: Change | None = None
+    change: LargestSwitch | None = None
     clipped: Clipped | None = None
 
     @property
@@ -64,7 +64,7 @@ def read_verdict(values: Mapping[str, Any]) -> Verdict:
     """Return the verdict that plan.json tells; LookupError or TypeError if it is none."""
     change = values["change"]
     clipped = values["clipped"]
-    return Verdict(change and Change(**change), clipped and Clipped(**clipped))
+    return Verdict(change and LargestSwitch(**change), clipped and Clipped(**clipped))
 
 
 def verdict_of(
@@ -81,7 +81,7 @@ def verdict_of(
     change = None
     if len(switches):
         (row,) = switches
-        change = Change(float(row["change"]), int(row["frame"]), int(row["agent"]))
+        change = LargestSwitch(float(row["change"]), int(row["frame"]), int(row["agent"]))
     return Verdict(change, _clipped(survey, noticed[by_clip], cameras, meters))
 
 

@@ -10,7 +10,7 @@ from .moving_surface import MovingSurface, Target
 from .triangle_mesh import edges_of
 
 HOPELESS = 2.0  # times the distance asked for, of which it does not matter how much more it is
-ALONG = (0.25, 0.5, 0.75)  # parts of an edge where Places lie
+ALONG = (0.25, 0.5, 0.75)  # parts of an edge where points lie
 # Where a place is far off, more are looked at: from a triangle's middle towards its edges, and on
 # either side along an edge. These are steps of barycentric weights.
 TO_EDGES = np.array([(-2, 1, 1), (1, -2, 1), (1, 1, -2)]) / 12
@@ -18,7 +18,7 @@ BESIDE = np.array([(1, -1, 0), (-1, 1, 0), (0, 0, 0)]) / 8
 
 
 @dataclass
-class Places:
+class SurfacePoints:
     """Points of a surface: corners of its triangles, and points between them.
 
     corners: (s, 3) indices of points; weights: (s, 3), barycentric.
@@ -32,12 +32,12 @@ class Places:
         weights = self.weights.reshape(*self.weights.shape, *[1] * (points.ndim - 1))
         return sum(weights[:, c] * points[self.corners[:, c]] for c in range(3))
 
-    def of(self, which: np.ndarray) -> "Places":
+    def of(self, which: np.ndarray) -> "SurfacePoints":
         """Return some of them."""
-        return Places(self.corners[which], self.weights[which])
+        return SurfacePoints(self.corners[which], self.weights[which])
 
 
-def places_on(triangles: np.ndarray, large: np.ndarray) -> Places:
+def places_on(triangles: np.ndarray, large: np.ndarray) -> SurfacePoints:
     """Return the corners of triangles, and of the large ones the middles and points on the edges.
 
     A LOD is often farthest off where an edge of it runs across a crease.
@@ -50,18 +50,18 @@ def places_on(triangles: np.ndarray, large: np.ndarray) -> Places:
     weights = [(1, 0, 0), (1 / 3, 1 / 3, 1 / 3), *((1 - part, part, 0) for part in ALONG)]
     counts = [len(rows) for rows in corners]
     weights_of_all = np.repeat(np.array(weights, np.float64), counts, axis=0)
-    return Places(np.concatenate(corners), weights_of_all)
+    return SurfacePoints(np.concatenate(corners), weights_of_all)
 
 
 def estimate_distances(
     surface: MovingSurface,
     other: MovingSurface,
-    parts: Sequence[tuple[Places, Places]],
+    parts: Sequence[tuple[SurfacePoints, SurfacePoints]],
     beyond: float,
 ) -> tuple[list[float], np.ndarray]:
     """Estimate what `bound_distance` measures, part by part and point by point.
 
-    parts: of each, such as an object, the Places of `surface` and those of `other`, whose distances
+    parts: of each, such as an object, the points of `surface` and those of `other`, whose distances
         from the whole of the other surface count. Those of a triangle of `other` count where what
         is nearest of `surface` to one of its corners counts.
 
@@ -90,9 +90,9 @@ def estimate_distances(
 
 
 def _map_counted(
-    way: DistanceTo, places: Places, surface: MovingSurface, beyond: float
+    way: DistanceTo, places: SurfacePoints, surface: MovingSurface, beyond: float
 ) -> MappedPoints:
-    """Map those Places of a LOD's surface that count, and more of them along edges far off.
+    """Map those points of a LOD's surface that count, and more of them along edges far off.
 
     Those of a triangle count if what is nearest to one of its corners does.
     """
@@ -113,7 +113,7 @@ def _map_counted(
         return points
     middle = far.weights[:, 2] > 0
     steps = [np.where(middle[:, None], *pair) for pair in zip(TO_EDGES, BESIDE, strict=True)]
-    finer = Places(
+    finer = SurfacePoints(
         np.tile(far.corners, (len(steps), 1)),
         np.concatenate([far.weights + step for step in steps]),
     )
@@ -125,8 +125,10 @@ def _nearest_corner(corners: np.ndarray, weights: np.ndarray) -> np.ndarray:
     return np.take_along_axis(corners, weights.argmax(axis=1)[:, None], axis=1)[:, 0]
 
 
-def upper_distances(surface: MovingSurface, other: MovingSurface, places: Places) -> np.ndarray:
-    """Return how far Places of `surface` are from `other` at most, in any pose, (s,) meters."""
+def upper_distances(
+    surface: MovingSurface, other: MovingSurface, places: SurfacePoints
+) -> np.ndarray:
+    """Return how far points of `surface` are from `other` at most, in any pose, (s,) meters."""
     poses = slice(0, surface.points.shape[1])
     way = DistanceTo(Target(other, poses), begin_interval(surface))
     return way.map_points(places.at(surface.points)).near.max(axis=1)

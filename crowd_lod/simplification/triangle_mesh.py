@@ -12,7 +12,7 @@ import numpy as np
 SIZES = (0.5, 0.9, 0.99, 1.0)  # parts of the faces, by size, that are searched apart
 
 
-class Spheres(NamedTuple):
+class FaceSpheres(NamedTuple):
     """Spheres about faces (k,): centers (3, k) and radii (k,)."""
 
     faces: np.ndarray
@@ -68,7 +68,7 @@ class TriangleMesh:
         return self.vertex_faces[ranges(begin, count)], count
 
     @cached_property
-    def spheres(self) -> tuple[int, list[Spheres]]:
+    def spheres(self) -> tuple[int, list[FaceSpheres]]:
         """The mesh's longest axis, and spheres about the faces, in order along that.
 
         They come in groups of like size, so that a few large faces do not widen all searches.
@@ -81,7 +81,7 @@ class TriangleMesh:
         size = np.digitize(radius[order], np.quantile(radius, SIZES)[:-1])
         groups = [order[size == k] for k in range(len(SIZES))]
         return along, [
-            Spheres(some, middle.take(some, 1), radius[some]) for some in groups if len(some)
+            FaceSpheres(some, middle.take(some, 1), radius[some]) for some in groups if len(some)
         ]
 
     @cached_property

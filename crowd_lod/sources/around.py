@@ -3,7 +3,7 @@
 from collections.abc import Callable, Generator, Sequence
 
 from ..crowd.agents import Crowd
-from ..crowd.maps import Area
+from ..world.maps import Area
 from .trajectory import States, Trajectory
 
 

@@ -8,9 +8,10 @@ import numpy as np
 from ..animation.phase_classes import Gaits
 from ..crowd import random_streams
 from ..crowd.agents import Crowd
-from ..crowd.leave_outs import LeftOut, needless_of_places
+from ..crowd.leave_outs import LeftOut
 from ..crowd.velocity_bounds import VelocityBounds
 from ..crowd.wardrobe import draw_parts, slots_of
+from ..world.needless import needless_of_places
 from .around import AroundTrajectory
 from .reused_columns import ReusedColumns
 from .trajectory import Trajectory

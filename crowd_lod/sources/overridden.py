@@ -6,9 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..crowd.agents import Crowd
-from ..crowd.leave_outs import LeftOut, needless_of_places
-from ..crowd.maps import Area
+from ..crowd.leave_outs import LeftOut
 from ..crowd.velocity_bounds import VelocityBounds
+from ..world.maps import Area
+from ..world.needless import needless_of_places
 from .around import AroundTrajectory
 from .reused_columns import ReusedColumns
 from .trajectory import Trajectory

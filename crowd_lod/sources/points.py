@@ -8,11 +8,12 @@ import numpy as np
 from ..animation.phase_classes import Gaits
 from ..crowd import random_streams
 from ..crowd.agents import CLASSES, Crowd, Draw, Group
-from ..crowd.leave_outs import ALL, LeftOut, needless_of_places
-from ..crowd.maps import Area
+from ..crowd.leave_outs import ALL, LeftOut
 from ..crowd.paces import Paces
 from ..crowd.velocity_bounds import VelocityBounds
 from ..errors import CrowdError
+from ..world.maps import Area
+from ..world.needless import needless_of_places
 from .trajectory import States, Trajectory
 
 STATES = States(("there",), np.array([[90, 160, 220]], np.uint8))

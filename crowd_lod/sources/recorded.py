@@ -8,13 +8,14 @@ import numpy as np
 from ..animation.phase_classes import cycles_of, gaits_of
 from ..crowd import random_streams
 from ..crowd.agents import CLASSES, Crowd, Group
-from ..crowd.leave_outs import ALL, LeftOut, needless_of_places
-from ..crowd.maps import Area
+from ..crowd.leave_outs import ALL, LeftOut
 from ..crowd.paces import Paces
-from ..crowd.terrain import Ground, Terrain
 from ..crowd.velocity_bounds import VelocityBounds
 from ..progress import check_cancelled
 from ..tracks.tracks import Tracks, in_a_row
+from ..world.maps import Area
+from ..world.needless import needless_of_places
+from ..world.terrain import Ground, Terrain
 from .trajectory import States, Trajectory
 
 STATES = States(("stands", "walks"), np.array([[230, 159, 0], [0, 114, 178]], np.uint8))

@@ -7,12 +7,13 @@ import numpy as np
 
 from ..animation.phase_classes import Gaits, gaits_of
 from ..crowd.agents import Crowd, Group
-from ..crowd.leave_outs import LeftOut, needless_of_places
-from ..crowd.maps import Area
+from ..crowd.leave_outs import LeftOut
 from ..crowd.paces import Paces
 from ..crowd.velocity_bounds import STANDING, VelocityBounds
 from ..errors import CrowdError
 from ..progress import Workload
+from ..world.maps import Area
+from ..world.needless import needless_of_places
 from .reused_columns import ReusedColumns
 from .trajectory import States, Trajectory
 

@@ -12,10 +12,10 @@ from ..crowd import random_streams
 from ..crowd.agents import Crowd, Group
 from ..crowd.bounding_spheres import Spheres, spheres_of
 from ..crowd.leave_outs import LeftOut
-from ..crowd.maps import Area
-from ..crowd.terrain import Ground
 from ..crowd.velocity_bounds import VelocityBounds
 from ..errors import CrowdError
+from ..world.maps import Area
+from ..world.terrain import Ground
 
 # So many times the planner's blocks are made before their agents are ordered anew.
 PART = 4

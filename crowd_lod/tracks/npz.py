@@ -19,7 +19,7 @@ from .rows import COLUMNS, UNITS, Rows
 def write(path: Path, rows: Rows) -> None:
     """Write `rows`, in meters, to the file `path`, which need not end in .npz.
 
-    The caller puts the file in its place (reporting/files.py). OSError if it cannot be written.
+    The caller puts the file in its place (output/files.py). OSError if it cannot be written.
     """
     with path.open("wb") as file:
         np.savez(file, fps=np.float64(rows.rate), **rows.columns)  # type: ignore[arg-type]

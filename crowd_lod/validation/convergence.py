@@ -7,8 +7,8 @@ import numpy as np
 
 from ..behavior.step import step
 from ..crowd.agents import Crowd
-from ..crowd.maps import LabelMap
 from ..crowd.state_machine import StateMachine
+from ..world.maps import LabelMap
 from .exact_behavior import ExactPlaces
 
 AGENTS = 64  # whose drift is measured

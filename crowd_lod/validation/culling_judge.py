@@ -14,7 +14,7 @@ EXACT_DEPTHS = 50  # agents a check whose distance is compared with exact arithm
 
 
 @dataclass(frozen=True)
-class Verdict:
+class CullingJudgment:
     """The result of `judge_culling`.
 
     pairs: of camera and agent. All other counts are of these pairs.
@@ -39,11 +39,11 @@ class Verdict:
     doubtful: int = 0
     depth_error: float = 0.0
 
-    def __add__(self, other: "Verdict") -> "Verdict":
+    def __add__(self, other: "CullingJudgment") -> "CullingJudgment":
         sums = {
             name: getattr(self, name) + getattr(other, name) for name in self.__dataclass_fields__
         }
-        return Verdict(**sums | {"depth_error": max(self.depth_error, other.depth_error)})
+        return CullingJudgment(**sums | {"depth_error": max(self.depth_error, other.depth_error)})
 
 
 def standing_crowd(points: np.ndarray, group: np.ndarray | None = None) -> Crowd:
@@ -59,7 +59,7 @@ def standing_crowd(points: np.ndarray, group: np.ndarray | None = None) -> Crowd
 
 def judge_culling(
     camera: Camera, points: np.ndarray, radius: np.ndarray, group: np.ndarray
-) -> Verdict:
+) -> CullingJudgment:
     """Return the verdict on the culling of spheres of radius[group] at the points.
 
     points: (n, 3) world meters.
@@ -80,7 +80,7 @@ def judge_culling(
                 * np.linalg.norm(camera.Z)
             )
             errors.append(depth_error(camera, points[i], distance[i]) / (bound or np.inf))
-    return Verdict(
+    return CullingJudgment(
         pairs=len(points),
         visible=int(truly.sum()),
         survivors=int(visible.sum()),

@@ -17,12 +17,12 @@ import numpy as np
 from ..behavior.exact_walk import walk
 from ..behavior.step import step
 from ..crowd.agents import Crowd
-from ..crowd.maps import LabelMap
 from ..crowd.state_machine import StateMachine
 from ..culling.camera import Camera
 from ..culling.frustum import frustum_of
 from ..culling.radar import RadarOptions, radar
 from ..levels.assignment import LevelPolicy, assign, threshold_distances
+from ..world.maps import LabelMap
 from .convergence import measure_convergence, measure_drift, step_by_listing
 from .exact_behavior import follow_exactly
 from .exact_frustum import find_visible

@@ -13,8 +13,8 @@ import numpy as np
 
 from ..crowd import random_streams
 from ..crowd.agents import Crowd
-from ..crowd.maps import LabelMap
 from ..crowd.state_machine import StateMachine
+from ..world.maps import LabelMap
 
 # The judge gives up after so many pieces of a step: unrounded fractions get longer with each piece.
 MOST_PIECES = 1_000

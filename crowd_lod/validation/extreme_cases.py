@@ -11,7 +11,7 @@ from ..culling.camera import Camera, referential, window
 from ..culling.radar import lost, radar
 from ..format import aligned
 from ..levels.assignment import LevelPolicy, assign, threshold_distances
-from .culling_judge import Verdict, judge_culling, standing_crowd
+from .culling_judge import CullingJudgment, judge_culling, standing_crowd
 from .exact_frustum import scatter
 
 # the camera, points (n, 3), radius (G,), group (n,)
@@ -22,7 +22,7 @@ PART = 1_000_000
 
 
 @dataclass(frozen=True)
-class Case:
+class ExtremeCase:
     """One extreme; made when asked for, as some are large."""
 
     name: str
@@ -37,7 +37,7 @@ class Row:
     """
 
     name: str
-    verdict: Verdict
+    verdict: CullingJudgment
     milliseconds: float
     note: str = ""
 
@@ -104,7 +104,7 @@ def _axes(far: float) -> Camera:
     )
 
 
-def cases(most: int = 10_000_000) -> tuple[Case, ...]:
+def cases(most: int = 10_000_000) -> tuple[ExtremeCase, ...]:
     """Return the extreme cases.
 
     most: agents of the largest.
@@ -149,7 +149,7 @@ def cases(most: int = 10_000_000) -> tuple[Case, ...]:
         ("panoramic", _spread(camera_of(kind="PANO"))),
     ]
     makers += [(f"{most:,} agents", _plain(most))]
-    return tuple(Case(name, make) for name, make in makers)
+    return tuple(ExtremeCase(name, make) for name, make in makers)
 
 
 def table(most: int = 10_000_000, seed: int = 0) -> Iterator[Row]:
@@ -167,7 +167,8 @@ def table(most: int = 10_000_000, seed: int = 0) -> Iterator[Row]:
         spent = 1000 * (clock.perf_counter() - started)
         parts = (slice(begin, begin + PART) for begin in range(0, len(points), PART))
         verdict = sum(
-            (judge_culling(camera, points[part], radius, group[part]) for part in parts), Verdict()
+            (judge_culling(camera, points[part], radius, group[part]) for part in parts),
+            CullingJudgment(),
         )
         levels = np.bincount(ids[visible], minlength=policy.count)
         yield Row(case.name, verdict, spent, "visible by LOD " + " ".join(f"{n:,}" for n in levels))

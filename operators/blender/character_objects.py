@@ -77,8 +77,8 @@ def may_have_faces(item: bpy.types.Object) -> bool:
 def selected_scenery(context: bpy.types.Context) -> list[bpy.types.Object]:
     """Return the selected objects that may be walls and are of no character."""
     characters = context.scene.crowd_lod.characters
-    cast = set() if characters is None else set(characters.all_objects)
-    return [item for item in context.selected_objects if is_scenery(item) and item not in cast]
+    members = set() if characters is None else set(characters.all_objects)
+    return [item for item in context.selected_objects if is_scenery(item) and item not in members]
 
 
 def is_scenery(item: bpy.types.Object) -> bool:

@@ -123,12 +123,12 @@ _kinds: dict[str, Readable] = {}
 
 def read_content(block: bpy.types.ID) -> Content:
     """Return what a data-block holds, without values that animation or drivers change."""
-    walk = _Walk(block)
+    walk = _PropertyWalk(block)
     walk.read(block)
     return Content(walk.hashed.hexdigest(), tuple(walk.others))
 
 
-class _Walk:
+class _PropertyWalk:
     """A walk over one data-block."""
 
     def __init__(self, block: bpy.types.ID):
@@ -317,7 +317,7 @@ def still_inputs(item: bpy.types.Object) -> list[tuple[str, Any]]:
 # What is read of a struct beside its properties
 
 
-def _inputs(walk: _Walk, item: bpy.types.Object) -> None:
+def _inputs(walk: _PropertyWalk, item: bpy.types.Object) -> None:
     for path, value in still_inputs(item):
         if isinstance(value, bpy.types.ID):
             walk.follow(path, value)
@@ -325,7 +325,7 @@ def _inputs(walk: _Walk, item: bpy.types.Object) -> None:
             walk.add(path, value)
 
 
-def _weights_and_attributes(walk: _Walk, mesh: bpy.types.Mesh) -> None:
+def _weights_and_attributes(walk: _PropertyWalk, mesh: bpy.types.Mesh) -> None:
     for attribute in mesh.attributes:
         if attribute.name[0] != "." or attribute.name == ".corner_vert":
             walk.add(attribute.name, attribute.domain)
@@ -343,13 +343,13 @@ def _weights_and_attributes(walk: _Walk, mesh: bpy.types.Mesh) -> None:
     walk.hashed.update(np.array(table, np.float64))
 
 
-def _shapes(walk: _Walk, data: bpy.types.Mesh | bpy.types.Lattice) -> None:
+def _shapes(walk: _PropertyWalk, data: bpy.types.Mesh | bpy.types.Lattice) -> None:
     """Read the shapes of shape keys with the data: their settings are the motion's."""
     for key in data.shape_keys.key_blocks if data.shape_keys is not None else ():
         walk.add(key.name, read_columns(key.data, [("co", 3, "f4")]))
 
 
-def _playing(walk: _Walk, player: bpy.types.AnimData | bpy.types.NlaStrip) -> None:
+def _playing(walk: _PropertyWalk, player: bpy.types.AnimData | bpy.types.NlaStrip) -> None:
     """Read what the owner plays of an action: its slot's curves, and the NLA strips that sound."""
     action = player.action
     if action is not None:
@@ -358,20 +358,20 @@ def _playing(walk: _Walk, player: bpy.types.AnimData | bpy.types.NlaStrip) -> No
         walk.read(curve)
 
 
-def _animation(walk: _Walk, data: bpy.types.AnimData) -> None:
+def _animation(walk: _PropertyWalk, data: bpy.types.AnimData) -> None:
     _playing(walk, data)
     for track in tracks_of(data):
         for strip in strips_in(track.strips):
             walk.read(strip)
 
 
-def _strip(walk: _Walk, strip: bpy.types.NlaStrip) -> None:
+def _strip(walk: _PropertyWalk, strip: bpy.types.NlaStrip) -> None:
     _playing(walk, strip)
     for curve in strip.fcurves:
         walk.read(curve)
 
 
-def _property_read(walk: _Walk, target: bpy.types.DriverTarget) -> None:
+def _property_read(walk: _PropertyWalk, target: bpy.types.DriverTarget) -> None:
     """Read the custom property that a driver reads, unless something animates it."""
     path = target.data_path.replace("'", '"')
     if target.id is not None and path.endswith('"]'):

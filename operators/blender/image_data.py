@@ -10,7 +10,7 @@ import numpy as np
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
-from ...crowd_lod.reporting import file_checks
+from ...crowd_lod.output import file_checks
 from . import removal, scene_cache
 from .console import quiet
 

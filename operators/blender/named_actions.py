@@ -11,7 +11,7 @@ from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.crowd.paces import mixed_in
 from ...crowd_lod.errors import CrowdError
 from .animation import action_range, armatures_of, players_of, span_of
-from .performance import Part, Performance, slot_curves
+from .performance import Performance, PlayedAction, slot_curves
 from .props import group_of
 from .root_motion import of_action, of_character
 
@@ -21,9 +21,9 @@ def own_performance(objects: list[bpy.types.Object]) -> Performance:
     return Performance([_own_part(objects)])
 
 
-def _own_part(objects: list[bpy.types.Object]) -> Part:
+def _own_part(objects: list[bpy.types.Object]) -> PlayedAction:
     root = of_character(objects)
-    return Part("", *action_range(objects), root=root, stride=root.way)
+    return PlayedAction("", *action_range(objects), root=root, stride=root.way)
 
 
 def performance_of(
@@ -70,10 +70,10 @@ def action_names(group: str, name: str) -> list[str]:
     return [*(each for owner in owners for each in (f"{owner} {name}", f"{name} {owner}")), name]
 
 
-def _mixed(group: str, name: str, mixed: tuple[Part, Part, float]) -> Part:
+def _mixed(group: str, name: str, mixed: tuple[PlayedAction, PlayedAction, float]) -> PlayedAction:
     """Return the step `name` of a cross-fade; it lasts as long as the longer of its actions.
 
-    mixed: see Part.
+    mixed: see PlayedAction.
     """
     first, second, _ = mixed
     if first.player != second.player:
@@ -83,10 +83,10 @@ def _mixed(group: str, name: str, mixed: tuple[Part, Part, float]) -> Part:
             f"to the other; set its fade to 0."
         )
     longer = max(first, second, key=lambda part: part.last - part.first)
-    return Part(name, longer.first, longer.last, player=first.player, mixed=mixed)
+    return PlayedAction(name, longer.first, longer.last, player=first.player, mixed=mixed)
 
 
-def _own_action(group: str, objects: list[bpy.types.Object]) -> Part:
+def _own_action(group: str, objects: list[bpy.types.Object]) -> PlayedAction:
     """Return the action that the character plays of itself, if it is one action of one object."""
     for player in (*armatures_of(objects), *objects):
         data = player.animation_data
@@ -108,7 +108,7 @@ def _own_action(group: str, objects: list[bpy.types.Object]) -> Part:
     )
 
 
-def _find_action(group: str, objects: list[bpy.types.Object], name: str) -> Part:
+def _find_action(group: str, objects: list[bpy.types.Object], name: str) -> PlayedAction:
     action = next(
         (bpy.data.actions[each] for each in action_names(group, name) if each in bpy.data.actions),
         None,
@@ -132,7 +132,9 @@ def _find_action(group: str, objects: list[bpy.types.Object], name: str) -> Part
             f"to play it in a cycle."
         )
     root = of_action(player, objects, action, handle, (first, last))
-    return Part(name, first, last, action, handle, player, root, _stride(action) or root.way)
+    return PlayedAction(
+        name, first, last, action, handle, player, root, _stride(action) or root.way
+    )
 
 
 def _player(

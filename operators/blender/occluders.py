@@ -28,7 +28,7 @@ _joined = scene_cache.Bounded(4)
 
 
 @dataclass(frozen=True)
-class _Part:
+class _OpaqueTriangles:
     """A thing's opaque triangles.
 
     points: (n, 3) float64, world meters.
@@ -48,7 +48,7 @@ class OccluderReading:
     refused: for each reason the names of objects.
     """
 
-    parts: dict[int, _Part] = field(default_factory=dict)
+    parts: dict[int, _OpaqueTriangles] = field(default_factory=dict)
     refused: dict[str, list[str]] = field(default_factory=dict)
 
     def without_moving(self, later: "OccluderReading", names: Sequence[str]) -> "OccluderReading":
@@ -260,10 +260,10 @@ def _reason_against_mesh(mesh: _OpaqueMesh | None) -> str:
     return "" if len(mesh.triangles) else "its materials may let light through or move its surface"
 
 
-def _part_of(mesh: _OpaqueMesh, matrix: np.ndarray) -> _Part:
+def _part_of(mesh: _OpaqueMesh, matrix: np.ndarray) -> _OpaqueTriangles:
     """Return the mesh placed by `matrix` (4, 4)."""
     topology = _topologies.of(mesh.digest, lambda: topology_of(mesh.points, mesh.triangles))
-    return _Part(place(mesh, matrix).points, topology, mesh.digest + matrix.tobytes())
+    return _OpaqueTriangles(place(mesh, matrix).points, topology, mesh.digest + matrix.tobytes())
 
 
 def _opaque_mesh(

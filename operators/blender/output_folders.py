@@ -15,7 +15,7 @@ import bpy
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import printable
-from ...crowd_lod.reporting import files
+from ...crowd_lod.output import files
 from .guard import handler
 
 BLEND_NAME = "{blend_name}"  # in paths of settings: the .blend file's name without its ending
@@ -23,7 +23,7 @@ UNTITLED = "untitled"  # stands for it while the file was never saved
 
 
 @dataclass
-class _File:
+class _OpenFile:
     """The open file.
 
     number: of the file in this session; it names the temporary folder of a file without a place.
@@ -36,7 +36,7 @@ class _File:
     before: list[tuple[bpy.types.PropertyGroup, str, str]] = field(default_factory=list)
 
 
-_file = _File()
+_file = _OpenFile()
 
 
 def full_path(text: str, library: bpy.types.Library | None = None) -> Path:

@@ -29,7 +29,7 @@ AS_IT_IS = {
 
 
 @dataclass(frozen=True)
-class Part:
+class PlayedAction:
     """An action of a performance.
 
     name: as states name it; "" for the character's own, whatever that is.
@@ -50,7 +50,7 @@ class Part:
     player: bpy.types.Object | None = None
     root: RootMotion = RootMotion()
     stride: float = 0.0
-    mixed: tuple["Part", "Part", float] | None = None
+    mixed: tuple["PlayedAction", "PlayedAction", float] | None = None
 
 
 class Performance:
@@ -63,12 +63,12 @@ class Performance:
     before anything yields, and at the end. As a context it rests at the end.
     """
 
-    def __init__(self, parts: Sequence[Part]):
+    def __init__(self, parts: Sequence[PlayedAction]):
         self.parts = tuple(parts)
         self.begins = [self.parts[0].first]
         for part in self.parts[:-1]:
             self.begins.append(self.begins[-1] + part.last - part.first + 1)
-        self._playing: Part | None = None
+        self._playing: PlayedAction | None = None
         self._before: list[tuple] = []
         self._root: TakenOut | None = None
         self._mixture: Mixture | None = None
@@ -137,7 +137,7 @@ class Performance:
             [next((part for part in self.parts if part.name == name), self.parts[0])]
         )
 
-    def find(self, moment: float) -> tuple[Part, float]:
+    def find(self, moment: float) -> tuple[PlayedAction, float]:
         """Return the part that plays at `moment`, and its frame."""
         k = max(int(np.searchsorted(self.begins, moment, side="right")) - 1, 0)
         return self.parts[k], moment - self.begins[k] + self.parts[k].first
@@ -154,7 +154,7 @@ class Performance:
             self._mixture.set_pose((one, other))
         stage.frame_set(int(frame // 1), subframe=float(frame % 1))
 
-    def _play(self, part: Part) -> None:
+    def _play(self, part: PlayedAction) -> None:
         self._playing = part
         if part.player is not None:
             self._put_on(part)
@@ -163,7 +163,7 @@ class Performance:
             dict.fromkeys(travel for each in parts for travel in each.root.travels)
         )
 
-    def _put_on(self, part: Part) -> None:
+    def _put_on(self, part: PlayedAction) -> None:
         player = part.player
         new = player.animation_data is None
         data = player.animation_data_create()
@@ -217,7 +217,9 @@ def _assign(data: bpy.types.AnimData, action: bpy.types.Action | None, handle: i
         data.action_slot = next((slot for slot in action.slots if slot.handle == handle), None)
 
 
-def _unkeyed(player: bpy.types.Object, part: Part) -> list[tuple[bpy.types.PoseBone, str, tuple]]:
+def _unkeyed(
+    player: bpy.types.Object, part: PlayedAction
+) -> list[tuple[bpy.types.PoseBone, str, tuple]]:
     """Return (bone, channel, its value now) of what only the own animation of `player` moves.
 
     The action does not move it.
@@ -250,7 +252,7 @@ def slot_curves(action: bpy.types.Action, handle: int) -> list[bpy.types.FCurve]
     return curves_of(SimpleNamespace(action=action, action_slot_handle=handle))
 
 
-def digest(parts: Sequence[Part]) -> list:
+def digest(parts: Sequence[PlayedAction]) -> list:
     """Return what the named actions of `parts` are, to compare as text.
 
     Of steps of cross-fades these are the names: their actions are among the others.

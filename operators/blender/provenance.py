@@ -20,6 +20,7 @@ from .contents import READ, Content, custom_properties, read_content, still_inpu
 from .guard import handler
 from .removal import is_there
 
+MADE_OF = "crowd_lod_made_of"  # custom property of what was made
 NAMED = 3  # inputs that a sentence names; it counts the others
 # What LODs and the ground follow without being made of it.
 OUTSIDE = bpy.types.Object, bpy.types.Collection, bpy.types.NodeTree
@@ -54,21 +55,21 @@ def name_inputs(names: Sequence[str]) -> str:
     return " and ".join(filter(None, [", ".join(listed[:-1]), listed[-1]])) if listed else ""
 
 
-def keep(holder: bpy.types.ID, key: str, inputs: Mapping[str, str]) -> None:
+def keep(holder: bpy.types.ID, inputs: Mapping[str, str]) -> None:
     """Keep with what was made, in a custom property, what it was made of."""
-    holder[key] = json.dumps(inputs)
+    holder[MADE_OF] = json.dumps(inputs)
 
 
-def read_inputs(holder: bpy.types.ID, key: str) -> dict[str, str]:
+def read_inputs(holder: bpy.types.ID, key: str = MADE_OF) -> dict[str, str]:
     """Return what `keep` has kept there; nothing if a script has put anything else there."""
     with suppress(TypeError, ValueError):
         return dict(json.loads(holder.get(key, "{}")))
     return {}
 
 
-def is_made_of(holder: bpy.types.ID, key: str, inputs: Mapping[str, str]) -> bool:
+def is_made_of(holder: bpy.types.ID, inputs: Mapping[str, str]) -> bool:
     """Return whether `keep` has kept just these inputs there."""
-    return read_inputs(holder, key) == inputs
+    return read_inputs(holder) == inputs
 
 
 def content_of(block: bpy.types.ID) -> Content:

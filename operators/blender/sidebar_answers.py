@@ -16,7 +16,7 @@ Answer = TypeVar("Answer")
 Question = Callable[[bpy.types.Scene], Answer]
 
 
-class Held(Generic[Answer]):
+class KeptAnswer(Generic[Answer]):
     """A question about a scene whose answer holds for LOOK seconds, or until its key changes."""
 
     def __init__(self, ask: Question[Answer], key: Question[object]):
@@ -56,14 +56,16 @@ class Held(Generic[Answer]):
         return clock.monotonic() < until and key == known_key
 
 
-# In quotes: typing would remember Held, and Blender 4.5 hang when it ends
+# In quotes: typing would remember KeptAnswer, and Blender 4.5 hang when it ends
 # (docs/notes/blender_traps.md).
-def hold(key: Question[object] = lambda _: None) -> "Callable[[Question[Answer]], Held[Answer]]":
-    """Decorate a question about a scene: its answer is `Held`.
+def hold(
+    key: Question[object] = lambda _: None,
+) -> "Callable[[Question[Answer]], KeptAnswer[Answer]]":
+    """Decorate a question about a scene: its answer is `KeptAnswer`.
 
     key: returns what the answer depends on, as far as that is quick to read.
     """
-    return lambda ask: Held(ask, key)
+    return lambda ask: KeptAnswer(ask, key)
 
 
 def keep_at_work(ask: Question[Answer]) -> Question[Answer]:

@@ -68,21 +68,21 @@ def all_characters(scene: bpy.types.Scene) -> list[Character]:
             f"The collection {top.name} {state}: put the characters in it, one child collection "
             f"or object each."
         )
-    cast = []
+    members = []
     for group in groups:
-        cast += _family(top, group)
-    names = [character.name for character in cast]
+        members += _family(top, group)
+    names = [character.name for character in members]
     for name in names:
         if names.count(name) > 1:
             raise CrowdError(
                 f"Two character groups in {top.name} are called {name}: rename one of them."
             )
-    if len(cast) > MOST_GROUPS:
+    if len(members) > MOST_GROUPS:
         raise CrowdError(
-            f"The collection {top.name} holds {len(cast)} character groups; use at most "
+            f"The collection {top.name} holds {len(members)} character groups; use at most "
             f"{MOST_GROUPS}."
         )
-    return cast
+    return members
 
 
 def _family(top: bpy.types.Collection, group: CharacterGroup) -> Iterator[Character]:
@@ -178,9 +178,9 @@ def notes_on_unsaved(characters: Characters) -> Iterator[Message]:
             yield Message(MessageKind.UNSAVED, item.name)
 
 
-def check_measured(cast: Sequence[tuple], groups: Sequence[Group]) -> None:
-    """Raise CrowdError if `cast`, the scene's characters, are others than the measured groups."""
-    if [each[0] for each in cast] != [group.name for group in groups]:
+def check_measured(members: Sequence[tuple], groups: Sequence[Group]) -> None:
+    """Raise CrowdError if `members`, the scene's characters, are others than the measured groups."""
+    if [each[0] for each in members] != [group.name for group in groups]:
         raise CrowdError(
             "The character groups, their props or slots have changed: press Populate, then Make "
             "LOD Meshes."

@@ -9,13 +9,13 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.crowd.agents import Action, Group
-from ...crowd_lod.crowd.maps import FARTHEST
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import number
 from ...crowd_lod.progress import Workload, finished, run_in_thread
+from ...crowd_lod.world.maps import FARTHEST
 from ..blender import scene_data, stored_values
 from ..blender.named_actions import performance_of
-from ..blender.performance import Part, Performance
+from ..blender.performance import Performance, PlayedAction
 from ..blender.props import group_of
 from ..machine.scene_world import actions_named
 from .character_extent import (
@@ -56,9 +56,9 @@ def measuring_groups(
     with suppress(CrowdError):  # what is spoilt is measured anew
         earlier = {group.name: group for group in groups_of(scene.crowd_lod)}
     groups: dict[str, Group] = {}
-    cast = all_characters(scene)
-    work = Workload(len(cast))
-    for character in cast:
+    members = all_characters(scene)
+    work = Workload(len(members))
+    for character in members:
         base = groups.get(character.variant_of)
         measuring = _measuring_group(scene, character, base, reaches.get(character.name))
         group = yield from work.take(measuring, 1)
@@ -177,7 +177,7 @@ def _acted(
     return acts
 
 
-def _action(part: Part, feet: float, fps: float, size: float, meters: float) -> Action:
+def _action(part: PlayedAction, feet: float, fps: float, size: float, meters: float) -> Action:
     """Return the Action that a group plays as `part`.
 
     feet: what the feet walk in a cycle of it; size: of the group; both in units of `meters`.

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import bpy
 import numpy as np
 
-from ...crowd_lod.animation.phase_classes import Gaits, Library
+from ...crowd_lod.animation.phase_classes import Cast, Gaits
 from ...crowd_lod.levels.cost_model import Holdings
 from ...crowd_lod.progress import Workload
 from ...crowd_lod.sources.trajectory import Trajectory
@@ -33,7 +33,7 @@ EITHER_SIDE = 1.0  # frames about each baked one whose keys stay (baked_actions.
 
 
 @dataclass(frozen=True)
-class CastHoldings:
+class CharacterHoldings:
     """The holdings of a scene's groups in a live build, and their keys by action.
 
     groups: of a live build.
@@ -55,7 +55,7 @@ class CastHoldings:
         return Holdings(**values | {name: rigged * values[name] for name in ("rigs", "bones")})
 
     def baked(
-        self, frames: Sequence[int], trajectory: Trajectory, library: Library, used: np.ndarray
+        self, frames: Sequence[int], trajectory: Trajectory, cast: Cast, used: np.ndarray
     ) -> Holdings:
         """Return the holdings of a bake, whose rigs have the keys about its frames alone.
 
@@ -67,7 +67,7 @@ class CastHoldings:
         seconds = (np.minimum(gaps, 2 * EITHER_SIDE).sum() + 2 * EITHER_SIDE) * (
             trajectory.seconds_per_frame
         )
-        first = library.first(gaits)
+        first = cast.first(gaits)
         left = np.zeros(len(self.baked_keys))
         for g, keys in enumerate(self.baked_keys):
             if keys:
@@ -89,18 +89,18 @@ def _parts_played(gaits: Gaits, g: int, used: np.ndarray, seconds: float) -> dic
 
 
 def holdings_of(
-    characters: Characters, trajectory: Trajectory, library: Library
-) -> Generator[float, None, CastHoldings]:
+    characters: Characters, trajectory: Trajectory, cast: Cast
+) -> Generator[float, None, CharacterHoldings]:
     """Find what the groups of `characters` (see characters_of) of a `trajectory` hold.
 
     Yields the progress and returns the holdings.
 
-    library: what a build makes of them.
+    cast: what a build makes of them.
     """
     groups = trajectory.groups
     gaits = trajectory.gaits
     lead = leads(characters, groups)
-    rigged = library.posed == 0
+    rigged = cast.posed == 0
     rigs, bones = armatures(characters, groups, lead)
     live_keys = np.zeros(len(groups))
     baked_keys: list[dict[int, float]] = []
@@ -137,7 +137,7 @@ def holdings_of(
         split=np.array([_split_part(objects) for _, objects, _ in characters]),
         materials=materials,
     )
-    return CastHoldings(holdings, library.moved_as(gaits, lead), baked_keys)
+    return CharacterHoldings(holdings, cast.moved_as(gaits, lead), baked_keys)
 
 
 def _first_counted(blocks: Sequence[set], count) -> np.ndarray:

@@ -1,7 +1,7 @@
 """The command assemble: finishes what was made in parts."""
 
 from ...crowd_lod.frame.frame_range import parse_frames
-from ...crowd_lod.reporting import files
+from ...crowd_lod.output import files
 from . import farm, shared_runs
 from .options import add_command, to_path
 

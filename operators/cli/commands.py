@@ -6,7 +6,7 @@ import sys
 
 from ...crowd_lod.errors import FAULTS, sentence
 from ...crowd_lod.format import printable
-from ...crowd_lod.reporting import interrupt
+from ...crowd_lod.output import interrupt
 from ..blender import console
 from .arguments import parser
 

@@ -12,17 +12,17 @@ from ... import sample_scenes
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
 from ...crowd_lod.frame.frame_range import parse_frames
+from ...crowd_lod.output import files, tables
 from ...crowd_lod.progress import Workload
-from ...crowd_lod.reporting import files, tables
 from ..blender import console, frame_stepping
 from ..blender.output_folders import output_file
 from ..render_setup import bake, render_setup, view_layers
 from ..render_setup.buckets import points_of
 from ..render_setup.buttons import check_blur, prepared
 from ..render_setup.character_images import IMAGE_BYTES
-from ..render_setup.cost_estimate import Estimate, estimate
+from ..render_setup.cost_estimate import CostEstimate, estimate
 from ..render_setup.hidden_characters import notes_on_characters
-from ..render_setup.phase_characters import Cast
+from ..render_setup.phase_characters import BuiltCharacters
 from ..scene.plan_verdict import plan_verdict
 from ..scene.scene_crowd import SceneCrowd
 from ..scene.shot_reference import notes_on_shot
@@ -125,7 +125,7 @@ def build(args) -> dict:
             check_blur(scene)
         steps = prepared(scene, lambda crowd: _building(args, crowd, frames), frames or ())
         what = f"{'bake' if args.bake else 'build'} of {stem}"
-        (predicted, cast, unplanned), crowd, _ = finish(steps, what, args.quiet)
+        (predicted, built, unplanned), crowd, _ = finish(steps, what, args.quiet)
         if args.view_layer:
             view_layers.show_in(scene, args.view_layer)
         points = {
@@ -133,12 +133,12 @@ def build(args) -> dict:
             for bucket, item in points_of(scene.crowd_lod.build).items()
         }
         images = int(scene.crowd_lod.build[IMAGE_BYTES])
-        verdict = plan_verdict(scene.crowd_lod, cast.unplanned) if args.bake else ""
+        verdict = plan_verdict(scene.crowd_lod, built.unplanned) if args.bake else ""
         notes = [
             verdict,
             tables.nobody_seen(points.values()),
             unplanned,
-            render_setup.notes_on_cast(crowd, cast),
+            render_setup.notes_on_built(crowd, built),
             notes_on_characters(scene),
         ]
         if args.bake:
@@ -196,7 +196,7 @@ def _frames_to_bake(args, scene: bpy.types.Scene) -> list[int] | None:
 
 def _building(
     args, crowd: SceneCrowd, frames: Sequence[int] | None
-) -> Generator[float, None, tuple[Estimate, Cast, str]]:
+) -> Generator[float, None, tuple[CostEstimate, BuiltCharacters, str]]:
     """Build or bake: yield the progress, return (estimate, characters, sentence).
 
     The sentence says why the scene's shot plan does not hold; "" if it does.
@@ -208,11 +208,11 @@ def _building(
     if not args.quiet:
         print(predicted.sentence, file=sys.stderr)
     steps = bake.bake(scene, frames, args.strict) if args.bake else render_setup.build(crowd)
-    cast = yield from work.take(steps, 7)
+    built = yield from work.take(steps, 7)
     # a live build looks the plan up when its frames are shown
     if args.bake:
-        return predicted, cast, ""
-    return predicted, cast, (yield from work.take(_note_on_plan(crowd, args.strict)))
+        return predicted, built, ""
+    return predicted, built, (yield from work.take(_note_on_plan(crowd, args.strict)))
 
 
 def _note_on_plan(crowd: SceneCrowd, strict: bool) -> Generator[float, None, str]:

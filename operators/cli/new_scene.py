@@ -12,8 +12,8 @@ from ...crowd_lod.culling.framing import framing
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
 from ...crowd_lod.frame.frame_range import spread_evenly
+from ...crowd_lod.output import files
 from ...crowd_lod.progress import Workload
-from ...crowd_lod.reporting import files
 from ...crowd_lod.sources.recorded import Recorded
 from ..blender import cameras, console, removal, scene_data
 from ..blender.references import closure_of

@@ -13,7 +13,7 @@ import bpy
 from ... import sample_scenes
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame_range import parse_frames
-from ...crowd_lod.reporting import files
+from ...crowd_lod.output import files
 from ...crowd_lod.shot import plan_file
 from ..blender import scene_data
 from ..settings.properties import CrowdLodSettings

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import printable
-from ...crowd_lod.reporting import files
+from ...crowd_lod.output import files
 from ...crowd_lod.validation.render_proof import to_text
 from ..runs.preview import in_sight, preview, verdict_in
 from ..runs.preview_stage import COLOR_MODES, ENGINES, Preview

@@ -4,7 +4,7 @@ from functools import partial
 from pathlib import Path
 
 from ...crowd_lod.format import printable
-from ...crowd_lod.reporting import files
+from ...crowd_lod.output import files
 from ...crowd_lod.shot import plan_file
 from ..shot import shot_plan
 from ..sources.record_points import with_record

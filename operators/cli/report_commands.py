@@ -4,7 +4,7 @@ from pathlib import Path
 
 from ...crowd_lod.crowd.agents import MOST_AGENTS
 from ...crowd_lod.format import printable
-from ...crowd_lod.reporting import files
+from ...crowd_lod.output import files
 from ..runs import error_report
 from .options import (
     MOST_SEED,

@@ -12,8 +12,8 @@ import bpy
 from ... import sample_scenes
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import printable
+from ...crowd_lod.output import interrupt
 from ...crowd_lod.progress import Made
-from ...crowd_lod.reporting import interrupt
 from ...crowd_lod.time_left import TimeLeft
 from ..blender import console
 from ..blender.output_folders import output_file

@@ -22,7 +22,7 @@ from ...crowd_lod import __version__
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
 from ...crowd_lod.frame.frame_range import frames_are, parse_part
-from ...crowd_lod.reporting import files
+from ...crowd_lod.output import files
 from ...crowd_lod.shot import plan_file
 from ..runs.shared_frames import Sharing, allowed
 

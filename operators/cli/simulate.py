@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from ...crowd_lod.format import printable
-from ...crowd_lod.reporting import files
+from ...crowd_lod.output import files
 from ..sources import simulate
 from .options import add_command, add_out, add_scene, add_setting, open_shot
 from .scene_files import blend_path, finish, save, stem_of

@@ -7,7 +7,7 @@ import bpy
 from ... import sample_scenes
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
-from ...crowd_lod.reporting import files
+from ...crowd_lod.output import files
 from ..runs.update_all import update_all, update_sentence
 from ..scene.plan_verdict import plan_verdict
 from .options import add_command, add_scene

@@ -14,7 +14,7 @@ from ..blender import provenance, scene_cache, scene_data
 from ..blender.provenance import text_digest
 from ..blender.sidebar_answers import hold, keep_at_work
 from ..blender.stored_values import contents_of
-from ..characters.cast_provenance import CHARACTER, MOTION, is_known
+from ..characters.character_provenance import CHARACTER, MOTION, is_known
 from ..scene.scene_crowd import read_crowd
 from ..scene.shot_reference import CAMERA, reference, stored_plan
 from ..settings.budgets import NO_BUDGET, holds_anyway
@@ -34,7 +34,6 @@ from .parts import (
     plan_parts,
 )
 
-MADE_FOR = "crowd_lod_made_for"  # custom property of LOD meshes and builds
 Parts = Mapping[str, str]
 
 
@@ -168,7 +167,7 @@ def _looks(scene: bpy.types.Scene) -> dict[str, tuple[str, list[Change]]]:
 
 def note_lods(scene: bpy.types.Scene, parts: Parts) -> None:
     """Keep with the scene's LOD meshes what they were made of: lod_parts, as the work began."""
-    provenance.keep(scene.crowd_lod.levels, MADE_FOR, parts)
+    provenance.keep(scene.crowd_lod.levels, parts)
     look_again(scene)
 
 
@@ -177,7 +176,7 @@ def note_build(scene: bpy.types.Scene, parts: Parts) -> None:
     build = scene.crowd_lod.build
     followed = () if is_bake(build) else FOLLOWED
     own = {name: part for name, part in parts.items() if name not in followed}
-    provenance.keep(build, MADE_FOR, own)
+    provenance.keep(build, own)
     look_again(scene)
 
 
@@ -234,7 +233,7 @@ def _no_lods(scene: bpy.types.Scene) -> str:
 
 def _lods_made_of(scene: bpy.types.Scene) -> Parts | None:
     levels = scene.crowd_lod.levels
-    return None if levels is None else provenance.read_inputs(levels, MADE_FOR)
+    return None if levels is None else provenance.read_inputs(levels)
 
 
 def _settle_lods(scene: bpy.types.Scene, made_of: Parts, parts: Parts) -> list[Change]:
@@ -262,7 +261,7 @@ def _no_plan(scene: bpy.types.Scene) -> str:
 def _plan_made_of(scene: bpy.types.Scene) -> Parts | None:
     settings = scene.crowd_lod
     stored = stored_plan(settings) if settings.levels is not None else None
-    return stored and stored.made_for
+    return stored and stored.made_of
 
 
 # Builds and bakes
@@ -274,7 +273,7 @@ def _no_build(scene: bpy.types.Scene) -> str:
 
 def _build_made_of(scene: bpy.types.Scene) -> Parts | None:
     build = scene.crowd_lod.build
-    return build and (provenance.read_inputs(build, MADE_FOR) or None)
+    return build and (provenance.read_inputs(build) or None)
 
 
 def _bake_parts(scene: bpy.types.Scene) -> Parts:
@@ -306,7 +305,7 @@ def proof_parts(scene: bpy.types.Scene) -> Parts:
     """Return what a proof is of: the build, and what its frames show of it."""
     build = scene.crowd_lod.build
     return {
-        "the build": text_digest(build and build.get(MADE_FOR)),
+        "the build": text_digest(build and build.get(provenance.MADE_OF)),
         CAMERA: camera_motion(scene),
         "the frames": text_digest(list(scene_data.frames_of(scene))),
     }

@@ -13,7 +13,7 @@ from ...crowd_lod.levels.budget_fit import Budget
 from ..blender import provenance, scene_data
 from ..blender.contents import read_content
 from ..blender.provenance import text_digest
-from ..characters.cast_provenance import cast_inputs, of_characters
+from ..characters.character_provenance import character_inputs, of_characters
 from ..characters.characters import GROUP, all_characters
 from ..characters.stored_groups import count_of
 from ..machine.scene_world import actions_named
@@ -59,7 +59,7 @@ def camera_motion(scene: bpy.types.Scene) -> str:
 def lod_parts(scene: bpy.types.Scene) -> dict[str, str]:
     """Return what LOD meshes follow from. A lens that moves is left out."""
     settings = scene.crowd_lod
-    facts = of_characters(cast_inputs(scene)) | {SIMPLIFY: _simplify(scene.render)}
+    facts = of_characters(character_inputs(scene)) | {SIMPLIFY: _simplify(scene.render)}
     if settings.choice == "BY_DISTANCE":
         ratios = settings.ratios[1 : settings.level_count]
         return facts | {RATIOS: ", ".join(f"{ratio:.3g}" for ratio in ratios)}

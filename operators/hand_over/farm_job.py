@@ -14,9 +14,9 @@ from ...crowd_lod import __version__
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import byte_size, counted, printable
 from ...crowd_lod.frame.frame_range import shot_frames
+from ...crowd_lod.output import files
+from ...crowd_lod.output.farm_job import FarmJob, template, values
 from ...crowd_lod.progress import Workload
-from ...crowd_lod.reporting import files
-from ...crowd_lod.reporting.farm_job import FarmJob, template, values
 from ..blender import console
 from ..blender.operator import Stepwise
 from ..blender.output_folders import output_folder, place_of

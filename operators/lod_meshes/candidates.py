@@ -30,7 +30,7 @@ from ..characters.character_extent import displaced
 from ..characters.given_lods import GivenLod
 from ..machine.scene_world import actions_named
 from . import source_mesh as sources
-from .costs import Costs
+from .costs import LodCosts
 from .deviation import Measure, compare
 from .given_objects import copy_given, read_given
 from .level_objects import (
@@ -141,7 +141,7 @@ class Ladder:
         self.given: dict[float, GivenLod] = {}
         self.counts: dict[float, tuple[int, int]] = {}
         self.search: Search | None = None
-        self.costs = Costs()
+        self.costs = LodCosts()
 
     def read(self) -> Iterator[float]:
         digests = []
@@ -171,7 +171,7 @@ class Ladder:
         triangles = [count_triangles(source.mesh) for source in meshes]
         for source, count in zip(meshes, triangles, strict=True):
             source.share = count / sum(triangles)
-        self.costs = Costs(sum(triangles), self.searched, len(self.goals))
+        self.costs = LodCosts(sum(triangles), self.searched, len(self.goals))
         self._read_given(sum(triangles))
 
     def _read_given(self, triangles: int) -> None:

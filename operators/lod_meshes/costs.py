@@ -21,7 +21,7 @@ FURTHER = 0.35  # searches that the result of a search calls for, on average
 
 
 @dataclass(frozen=True)
-class Costs:
+class LodCosts:
     """What the work on one character costs.
 
     triangles: that it has; searched: whether its LODs are of lengths, not of ratios; count: of its
@@ -67,10 +67,10 @@ class Costs:
         return (self.triangles / 1000) ** 0.5
 
 
-def costs_before(character: Character, settings) -> Costs:
+def costs_before(character: Character, settings) -> LodCosts:
     """Return what the work on a character will cost, as its meshes tell without being evaluated."""
     triangles = sum(map(_triangles_before, character.objects))
-    return Costs(triangles, settings.choice == "BY_TOLERANCE", settings.level_count)
+    return LodCosts(triangles, settings.choice == "BY_TOLERANCE", settings.level_count)
 
 
 def lacking_seconds(scene: bpy.types.Scene) -> float:

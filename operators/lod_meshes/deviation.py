@@ -30,7 +30,7 @@ BELOW = 5e-5  # of the size: no frame exceeds a bound by less
 
 
 @dataclass(frozen=True)
-class Estimate:
+class DeviationEstimate:
     """What is roughly known of a LOD.
 
     deviations: for each of its objects meters, the larger one of its distance from all of the
@@ -146,7 +146,7 @@ class Measure:
 
     def estimate(
         self, objects: Sequence[bpy.types.Object], beyond: float = np.inf
-    ) -> Generator[float, None, Estimate]:
+    ) -> Generator[float, None, DeviationEstimate]:
         """Measure a LOD roughly but quickly; yield between steps. The character must be read.
 
         objects: the LOD's, one for each of the character's, in their order.
@@ -157,11 +157,13 @@ class Measure:
         shapes = yield from read_shapes(objects, [self.frames[k] for k in run], self.performance)
         return (yield from run_in_thread(lambda: self._estimate(run, shapes, beyond)))
 
-    def _estimate(self, run: list[int], shapes: list[PosedMesh], beyond: float) -> Estimate:
+    def _estimate(
+        self, run: list[int], shapes: list[PosedMesh], beyond: float
+    ) -> DeviationEstimate:
         """Return the estimate of a LOD of these `shapes` in the poses of the run."""
         lod = merge([shape.points for shape in shapes], shapes[0].triangles)
         if lod is None:
-            return Estimate(
+            return DeviationEstimate(
                 [np.inf] * (len(shapes[0].begins) - 1),
                 [np.full(n, np.inf) for n in np.diff(self.character.shapes[0].begins)],
             )
@@ -170,7 +172,7 @@ class Measure:
         parts = list(zip(parts_of(character, first), parts_of(lod, shapes[0]), strict=True))
         deviations, away = estimate_distances(character.moving, lod.moving, parts, beyond)
         away = np.append(away, 0.0)[character.place]  # loose vertices are at -1
-        return Estimate(deviations, np.split(away, first.begins[1:-1]))
+        return DeviationEstimate(deviations, np.split(away, first.begins[1:-1]))
 
     def whole(self) -> Generator[float, None, Measured]:
         """Return what `level` does of a LOD that is the character itself, without measuring."""

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...crowd_lod.simplification.distance_estimate import Places, upper_distances
+from ...crowd_lod.simplification.distance_estimate import SurfacePoints, upper_distances
 from .posed_surface import PosedSurface, parts_of
 from .surface import merge
 
@@ -80,7 +80,7 @@ class _Surfaces:
             return np.full(len(objects), np.inf)
         return np.array([self._distance(self.places[item], surface.moving) for item in objects])
 
-    def _distance(self, places: Places, other) -> float:
+    def _distance(self, places: SurfacePoints, other) -> float:
         return float(upper_distances(self.moving, other, places).max(initial=0.0))
 
 

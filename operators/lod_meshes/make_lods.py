@@ -16,7 +16,7 @@ from ..blender import removal, scene_data
 from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED, remove_owned
 from ..blender.removal import blocks_now, made_since
-from ..characters.cast_provenance import reading_afresh
+from ..characters.character_provenance import reading_afresh
 from ..characters.characters import GROUP, Character, all_characters
 from ..characters.group_measuring import measuring_groups, stands
 from ..characters.stored_groups import store_groups
@@ -35,7 +35,7 @@ from .level_objects import TINTS
 
 
 @dataclass(frozen=True)
-class Outcome:
+class MadeLods:
     """What make_levels did, by names of character groups.
 
     new: those whose LOD meshes it made; unchanged: those whose it kept as they were; edited: of
@@ -68,8 +68,8 @@ class Outcome:
         return " ".join(parts)
 
 
-def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
-    """Make the LOD collections of `scene`; yields the progress, 0 to 1, and returns the Outcome.
+def make_levels(scene: bpy.types.Scene) -> Generator[float, None, MadeLods]:
+    """Make the LOD collections of `scene`; yields the progress, 0 to 1, and returns what it made.
 
     The collection "Crowd LOD" holds one for each LOD, which holds one for each character group.
     Their names sort in the order of the groups. LOD 0 shares the characters' own meshes. The others
@@ -92,7 +92,7 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
     work = Workload(lod_seconds(scene))
     yield from work.take(reading_afresh(scene))
     measured = measured_parts(scene)
-    made_for = lod_parts(scene)
+    made_of = lod_parts(scene)
     is_done = False
     try:
         ladders, groups, shots = yield from _read_characters(scene, characters, earlier, work)
@@ -112,7 +112,7 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
         scene_data.let_go(scene, "levels")
     _show_nowhere(scene, top)
     settings.dropped = to_json(_not_made(ladders, choice.dropped))
-    note_lods(scene, made_for)
+    note_lods(scene, made_of)
     note_measured(scene, measured)
     settings.memory_tolerance = choice.tolerance
     settings.memory_made = settings.memory
@@ -122,7 +122,7 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
     for entry, finest in zip(settings.groups, choice.finest, strict=True):
         entry.finest = finest
     yield 1.0
-    return Outcome(tuple(new), tuple(unchanged), tuple(edited), choice.budget_tolerance)
+    return MadeLods(tuple(new), tuple(unchanged), tuple(edited), choice.budget_tolerance)
 
 
 def _feet(characters: Sequence[Character], groups: Sequence[Group]) -> list[tuple]:

@@ -121,7 +121,7 @@ def _motions(
         for item in items:
             if item.type == "MESH" and item.vertex_groups:
                 weights[item] = yield from reading_weights(item.data)
-        bones = [_Bones(rig, weights) for rig in rigs]
+        bones = [_BoneReach(rig, weights) for rig in rigs]
         until = clock.monotonic() + TICK
         for time in times.tolist():
             performance.go_to(stage, time)
@@ -151,7 +151,7 @@ def _motions(
     return np.array(places), np.array(bends)
 
 
-class _Bones:
+class _BoneReach:
     """The bones of an armature.
 
     reach: (b, 1, 1) how far the farthest vertex that each bone carries is from its head, or its

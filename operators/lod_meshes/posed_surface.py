@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from ...crowd_lod.simplification import thin_parts
-from ...crowd_lod.simplification.distance_estimate import Places, places_on, upper_distances
+from ...crowd_lod.simplification.distance_estimate import SurfacePoints, places_on, upper_distances
 from ...crowd_lod.simplification.hausdorff import Interval, bound_distance
 from ...crowd_lod.simplification.moving_surface import MovingSurface
 from .pose_choice import farthest_apart
@@ -126,7 +126,7 @@ class PosedSurface:
         return self._samples[pose]
 
 
-def parts_of(surface: Merged, shape: PosedMesh) -> list[Places]:
+def parts_of(surface: Merged, shape: PosedMesh) -> list[SurfacePoints]:
     """Return what estimates look at of each object: corners and large faces that count."""
     faces = surface.moving.pieces
     large = large_pieces(surface.moving)

@@ -15,7 +15,7 @@ import numpy as np
 
 from ...crowd_lod.levels.lengths import read_curve
 from ...crowd_lod.progress import Workload, run_in_thread
-from .deviation import Estimate, Measure
+from .deviation import DeviationEstimate, Measure
 from .dispensable import find_dispensable
 from .level_objects import LEAST, discard
 from .source_mesh import Source
@@ -79,7 +79,7 @@ class Try:
 
 
 @dataclass
-class Curve:
+class LodCurve:
     """What is known of an object's LODs.
 
     source: the object's.
@@ -201,7 +201,7 @@ class Search:
     def __init__(self, sources: Sequence[Source], make: Make, by: Measure):
         self.make = make
         self.by = by
-        self.curves = [Curve(source) for source in sources]
+        self.curves = [LodCurve(source) for source in sources]
         self.nearness = 1.0  # see NEAREST
 
     def find(
@@ -383,7 +383,7 @@ class Search:
             curve.bring_back()
         return True
 
-    def _note(self, number: int, attempt: Try, estimate: Estimate) -> Iterator[float]:
+    def _note(self, number: int, attempt: Try, estimate: DeviationEstimate) -> Iterator[float]:
         """Note what was estimated of the try of an object, and of each vertex of its source.
 
         Yields between steps.

@@ -77,10 +77,10 @@ def views(crowd: SceneCrowd) -> Generator[float, None, list[GroupShot]]:
         for name in ("center", "radius")
     )
     gaits = trajectory.gaits
-    library = crowd.library
-    cast = yield from work.take(holdings_of(crowd.characters, trajectory, library))
-    first = library.first(gaits)
-    moving = library.owner(gaits)[np.unique(cast.moved_as)]
+    cast = crowd.cast
+    holdings = yield from work.take(holdings_of(crowd.characters, trajectory, cast))
+    first = cast.first(gaits)
+    moving = cast.owner(gaits)[np.unique(holdings.moved_as)]
     # the part of a group's characters with rigs: those that move parts count where they are made
     rigged = np.bincount(moving, minlength=len(first) - 1) / np.diff(first)
     views_of = [[] for _ in trajectory.groups]
@@ -95,7 +95,7 @@ def views(crowd: SceneCrowd) -> Generator[float, None, list[GroupShot]]:
             if len(agents):
                 away = distance[agents]
                 seconds = trajectory.seconds(frame)
-                pose = library.character_of(gaits, agents_then, seconds, agents) - first[g]
+                pose = cast.character_of(gaits, agents_then, seconds, agents) - first[g]
                 nearest = float(away.min())
                 lods = np.stack([finest[agents], coarsest[agents]], axis=1).astype(np.intp)
                 view = View(eyes[0], nearest, float(away.max()), away, pose, 1, frame, lods)
@@ -109,7 +109,7 @@ def views(crowd: SceneCrowd) -> Generator[float, None, list[GroupShot]]:
             int(pose_count),
             costs,
             settings.match_shading,
-            cast.of_group(g, part),
+            holdings.of_group(g, part),
         )
         for g, (group_views, pose_count, part) in enumerate(
             zip(views_of, np.diff(first), rigged, strict=True)
@@ -135,7 +135,7 @@ class Limits(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Choice:
+class LodChoice:
     """The choice of candidates. Candidates go by their number in the ladder.
 
     keep: for each group, the candidates to keep.
@@ -165,7 +165,7 @@ def choose_candidates(
     meters: float,
     measured: Sequence[Collection[int]],
     given: Sequence[Collection[int]],
-) -> Choice:
+) -> LodChoice:
     """Choose the candidates to keep.
 
     groups: character groups with values of all their candidates, measured or guessed.
@@ -190,7 +190,7 @@ def choose_candidates(
         return replace(choice, keep=keep, dropped=[{}] * len(groups), budget_tolerance=raised)
 
     @cache
-    def chosen(tolerance: float) -> Choice:
+    def chosen(tolerance: float) -> LodChoice:
         wider = replace(limits, tolerance=tolerance)
         found = _choose_by_tolerance(wider, groups, shots, meters, measured, given)
         return replace(found, tolerance=max(tolerance, found.tolerance))
@@ -216,7 +216,7 @@ def _choose_by_tolerance(
     meters: float,
     measured: Sequence[Collection[int]],
     given: Sequence[Collection[int]],
-) -> Choice:
+) -> LodChoice:
     """Choose the candidates to keep by tolerance and memory; as choose_candidates."""
     tolerance = round(limits.tolerance, 6)
     keep = []
@@ -241,5 +241,5 @@ def _choose_by_tolerance(
         finest = [
             candidates.index(counted[0]) for candidates, counted in zip(keep, built, strict=True)
         ]
-        return Choice(keep, [{}] * len(keep), finest, reached)
-    return Choice(keep, dropped, [0] * len(keep))
+        return LodChoice(keep, [{}] * len(keep), finest, reached)
+    return LodChoice(keep, dropped, [0] * len(keep))

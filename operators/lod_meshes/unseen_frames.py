@@ -12,7 +12,7 @@ import numpy as np
 
 from ...crowd_lod.progress import Workload, run_in_thread
 from ...crowd_lod.simplification.closest_point import closest_weights
-from ...crowd_lod.simplification.distance_estimate import Places, places_on, upper_distances
+from ...crowd_lod.simplification.distance_estimate import SurfacePoints, places_on, upper_distances
 from ...crowd_lod.simplification.hausdorff import bound_distance
 from ..blender.performance import Performance
 from .posed_shapes import Posed
@@ -42,7 +42,7 @@ class Watched:
     place: (q,) of pairs; triangle: (q, 3) points of the other surface.
     """
 
-    places: Places
+    places: SurfacePoints
     place: np.ndarray
     triangle: np.ndarray
 

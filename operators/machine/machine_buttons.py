@@ -8,7 +8,7 @@ from ...crowd_lod.crowd import machine_edits as edits
 from ...crowd_lod.crowd.state_machine import parse
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
-from ...crowd_lod.reporting import files
+from ...crowd_lod.output import files
 from ..blender.labeled_properties import BoolProperty, EnumProperty, IntProperty, StringProperty
 from ..blender.operator import Reporting
 from .machine_editor import cell_of, change, draft_of, missing_text, selected_name
@@ -20,7 +20,7 @@ class _Editing(Reporting):
     needs = (missing_text,)
 
 
-class _Listed(_Editing):
+class _OfSelected(_Editing):
     """An edit of what is selected in the list of states or of labels."""
 
     kind: EnumProperty(name="Kind", items=LISTS, description="Which list")
@@ -33,7 +33,7 @@ class _Listed(_Editing):
         setattr(scene.crowd_lod_editor, f"{self.kind[:-1]}_index", self.names(scene).index(name))
 
 
-class CROWDLOD_OT_machine_add(_Listed, bpy.types.Operator):
+class CROWDLOD_OT_machine_add(_OfSelected, bpy.types.Operator):
     """Add a state in which agents stand, or a label in a color of its own"""
 
     bl_idname = "crowd_lod.machine_add"
@@ -46,7 +46,7 @@ class CROWDLOD_OT_machine_add(_Listed, bpy.types.Operator):
         return f"The {self.kind[:-1]} {name} is added."
 
 
-class CROWDLOD_OT_machine_duplicate(_Listed, bpy.types.Operator):
+class CROWDLOD_OT_machine_duplicate(_OfSelected, bpy.types.Operator):
     """Add a copy of the selected state or label, with its rules"""
 
     bl_idname = "crowd_lod.machine_duplicate"
@@ -60,7 +60,7 @@ class CROWDLOD_OT_machine_duplicate(_Listed, bpy.types.Operator):
         return f"{copy} is a copy of {name}."
 
 
-class CROWDLOD_OT_machine_remove(_Listed, bpy.types.Operator):
+class CROWDLOD_OT_machine_remove(_OfSelected, bpy.types.Operator):
     """Remove the selected state or label and what leads to it; agents then stay in their state"""
 
     bl_idname = "crowd_lod.machine_remove"
@@ -74,7 +74,7 @@ class CROWDLOD_OT_machine_remove(_Listed, bpy.types.Operator):
         return f"The {self.kind[:-1]} {name} is removed."
 
 
-class CROWDLOD_OT_machine_move(_Listed, bpy.types.Operator):
+class CROWDLOD_OT_machine_move(_OfSelected, bpy.types.Operator):
     """Move the selected state or label; the first label is that of open ground"""
 
     bl_idname = "crowd_lod.machine_move"
@@ -138,7 +138,7 @@ class CROWDLOD_OT_machine_unfollow(_Following, bpy.types.Operator):
         return f"{self.state} does not follow {state}."
 
 
-class _File:
+class _JsonFile:
     """A JSON file that the user chooses."""
 
     filepath: StringProperty(
@@ -157,7 +157,7 @@ class _File:
         return Path(bpy.path.abspath(self.filepath))
 
 
-class CROWDLOD_OT_machine_import(_File, Reporting, bpy.types.Operator):
+class CROWDLOD_OT_machine_import(_JsonFile, Reporting, bpy.types.Operator):
     """Load a state machine from a JSON file into a text block of its own, and use it"""
 
     bl_idname = "crowd_lod.machine_import"
@@ -181,7 +181,7 @@ class CROWDLOD_OT_machine_import(_File, Reporting, bpy.types.Operator):
         )
 
 
-class CROWDLOD_OT_machine_export(_File, _Editing, bpy.types.Operator):
+class CROWDLOD_OT_machine_export(_JsonFile, _Editing, bpy.types.Operator):
     """Write the state machine to a JSON file, as it stands in its text"""
 
     bl_idname = "crowd_lod.machine_export"

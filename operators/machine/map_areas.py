@@ -11,12 +11,12 @@ from contextlib import suppress
 import bpy
 import numpy as np
 
-from ...crowd_lod.crowd.maps import FARTHEST
-from ...crowd_lod.crowd.rasterize import cover_cells
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.world.maps import FARTHEST
+from ...crowd_lod.world.rasterize import cover_cells
 from ..blender import image_data, kept_meshes, provenance, removal, scene_cache, scene_data
 from ..blender.guard import guard, handler
-from .scene_world import MADE_FOR, area_of, areas_hold, areas_inputs, machine_of
+from .scene_world import area_of, areas_hold, areas_inputs, machine_of
 
 LONGER_SIDE = 256  # cells along the ground's longer side, where no image says how many
 REST = 0.1  # seconds from a change to the new image
@@ -85,7 +85,7 @@ def make(crowd, depsgraph: bpy.types.Depsgraph) -> int:
                 255,
             )
     _store(crowd, pixels)
-    provenance.keep(crowd.areas_image, MADE_FOR, areas_inputs(crowd, machine))
+    provenance.keep(crowd.areas_image, areas_inputs(crowd, machine))
     return int((pixels[..., 3] > 0).sum())
 
 

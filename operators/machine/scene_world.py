@@ -6,21 +6,12 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.crowd import state_machine as machines
-from ...crowd_lod.crowd.height_map import HeightMap
-from ...crowd_lod.crowd.maps import (
-    FARTHEST,
-    Area,
-    LabelMap,
-    edge_map,
-    labels_from_colors,
-    lay_over,
-)
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.levels.assignment import Bias
+from ...crowd_lod.world.height_map import HeightMap
+from ...crowd_lod.world.maps import FARTHEST, Area, LabelMap, edge_map, labels_from_colors, lay_over
 from ..blender import image_data, provenance, scene_data, stored_values
 from ..blender.props import group_of
-
-MADE_FOR = "crowd_lod_made_for"  # custom property of a map of walls and areas
 
 
 def machine_text(settings) -> str:
@@ -123,7 +114,7 @@ def areas_hold(settings, machine: machines.StateMachine) -> bool:
     """
     image = settings.areas_image
     inputs = areas_inputs(settings, machine)
-    return image is not None and provenance.is_made_of(image, MADE_FOR, inputs)
+    return image is not None and provenance.is_made_of(image, inputs)
 
 
 def areas_inputs(settings, machine: machines.StateMachine) -> dict[str, str]:

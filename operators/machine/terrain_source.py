@@ -5,12 +5,12 @@ from collections.abc import Iterator, Sequence
 import bpy
 import numpy as np
 
-from ...crowd_lod.crowd.maps import FARTHEST
-from ...crowd_lod.crowd.terrain import Terrain, upward
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.mesh import EMPTY, Mesh, join
 from ...crowd_lod.messages import Message, MessageKind
 from ...crowd_lod.sources.trajectory import Trajectory
+from ...crowd_lod.world.maps import FARTHEST
+from ...crowd_lod.world.terrain import Terrain, upward
 from ..blender import kept_meshes, mesh_data, scene_cache, scene_data
 from ..blender.ownership import OWNED
 

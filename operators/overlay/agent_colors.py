@@ -10,7 +10,7 @@ from ...crowd_lod.frame.reasons import REASONS, reasons
 from ...crowd_lod.shot.frame_errors import errors_of
 from ..blender.color_space import to_linear
 from ..lod_meshes.make_lods import TINTS
-from .skinned_characters import Character
+from .skinned_characters import SkinnedCharacter
 
 # the last reasons; LODs have no more tints
 BROWN = (0.25, 0.12, 0.05)
@@ -102,7 +102,7 @@ def by_error(frame: Frame) -> Colors:
     return Colors(index, _opaque(ERROR_TINTS), names=(*names, f"Over {ERRORS[-1]:g} px off"))
 
 
-def by_material(frame: Frame, characters: Sequence[Character]) -> Colors:
+def by_material(frame: Frame, characters: Sequence[SkinnedCharacter]) -> Colors:
     """Color agents with the mean color of their group's materials, or by its ramp of looks."""
     ramps = [
         character.color[None] if character.ramp is None else character.ramp

@@ -6,11 +6,11 @@ from ...crowd_lod.frame.frame import Frame
 from ..blender import scene_data
 from . import agent_colors, character_cache
 from .draw_data import Drawing, Style, drawing
-from .gpu_batches import Cast
-from .skinned_characters import Character
+from .gpu_batches import GpuBodies
+from .skinned_characters import SkinnedCharacter
 
 
-def style_of(scene, levels: int) -> tuple[Style, tuple[Character, ...], tuple[str, ...]]:
+def style_of(scene, levels: int) -> tuple[Style, tuple[SkinnedCharacter, ...], tuple[str, ...]]:
     """Return (style, characters, notes) of the scene.
 
     Where the characters are missing, not read yet, or do not fit, meshes become points.
@@ -29,36 +29,38 @@ def style_of(scene, levels: int) -> tuple[Style, tuple[Character, ...], tuple[st
     if style.mode != "MESHES" and not style.materials:
         return style, (), ()
     points = replace(style, mode="POINTS") if style.mode == "MESHES" else style
-    casting = character_cache.casting_of(scene)
-    if casting is None:
+    baked = character_cache.baked_of(scene)
+    if baked is None:
         return (
             points,
             (),
             ("Press Make LOD Meshes in the LOD Meshes panel to see the characters.",),
         )
-    if not casting.ready:
+    if not baked.ready:
         return (
             points,
             (),
-            (f"The characters are being read for the overlay: {casting.progress:.0%}.",),
+            (f"The characters are being read for the overlay: {baked.progress:.0%}.",),
         )
-    fits = [character.name for character in casting.characters] == [
+    fits = [character.name for character in baked.characters] == [
         group.name for group in settings.groups
     ]
-    if fits and all(len(character.meshes) >= levels for character in casting.characters):
-        return style, casting.characters, casting.notes
+    if fits and all(len(character.meshes) >= levels for character in baked.characters):
+        return style, baked.characters, baked.notes
     misfit = "The LOD meshes do not fit the settings: press Make LOD Meshes to see the characters."
-    return points, (), casting.notes or (misfit,)
+    return points, (), baked.notes or (misfit,)
 
 
-def cast_of(groups, style: Style, characters: tuple[Character, ...]) -> Cast | None:
+def bodies_of(groups, style: Style, characters: tuple[SkinnedCharacter, ...]) -> GpuBodies | None:
     """Return the style's characters or boxes, on the GPU; None for points."""
     if style.mode == "POINTS":
         return None
-    return Cast(groups, characters if style.mode == "MESHES" else ())
+    return GpuBodies(groups, characters if style.mode == "MESHES" else ())
 
 
-def colors_of(mode: str, frame: Frame, characters: tuple[Character, ...]) -> agent_colors.Colors:
+def colors_of(
+    mode: str, frame: Frame, characters: tuple[SkinnedCharacter, ...]
+) -> agent_colors.Colors:
     """Return the agents' colors; `mode` is a value of the setting overlay_color."""
     if mode == "STATE":
         return agent_colors.by_state(frame)

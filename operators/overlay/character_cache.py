@@ -21,14 +21,14 @@ from ..blender.image_data import LOOK_AGAIN
 from ..blender.material_colors import Looks
 from ..blender.provenance import text_digest
 from ..blender.steps import at_work
-from ..characters.cast_provenance import cast_inputs, is_known
+from ..characters.character_provenance import character_inputs, is_known
 from ..characters.characters import GROUP
 from ..machine.scene_world import actions_named
-from .skinned_characters import Character, bake_character
+from .skinned_characters import SkinnedCharacter, bake_character
 
 
 @dataclass
-class Casting:
+class BakedCharacters:
     """A scene's characters, baked or being baked.
 
     key: digest of everything they are baked from.
@@ -44,8 +44,8 @@ class Casting:
     key: str
     painted: int
     looked: float
-    characters: tuple[Character, ...] = ()
-    baking: Generator[float, None, Character] | None = None
+    characters: tuple[SkinnedCharacter, ...] = ()
+    baking: Generator[float, None, SkinnedCharacter] | None = None
     work: Workload = field(default_factory=Workload)
     progress: float = 0.0
     ready: bool = False
@@ -60,33 +60,33 @@ class Casting:
 
 
 WAIT = 0.2  # seconds until bake_some looks again whether a step is at work
-_castings: dict[int, Casting] = scene_cache.add_cache({}, by_scene=True)
+_baked: dict[int, BakedCharacters] = scene_cache.add_cache({}, by_scene=True)
 
 
-def casting_of(scene: bpy.types.Scene) -> Casting | None:
+def baked_of(scene: bpy.types.Scene) -> BakedCharacters | None:
     """Return the characters of the scene's LOD meshes, or None without LOD meshes.
 
     If they are not baked yet, a timer starts to bake them.
     """
     levels = scene.crowd_lod.levels
     if levels is None or not levels.children or not levels.children[0].children:
-        _castings.pop(scene.session_uid, None)
+        _baked.pop(scene.session_uid, None)
         return None
-    casting = _castings.get(scene.session_uid)
+    baked = _baked.get(scene.session_uid)
     now = clock.monotonic()
-    if casting is None or now > casting.looked + LOOK_AGAIN:
+    if baked is None or now > baked.looked + LOOK_AGAIN:
         if not is_known(scene):
-            return casting
+            return baked
         key, appearance = cache_key(scene)
         # reading pixels takes milliseconds
-        reads_images = casting is None or scene.crowd_lod.overlay_color == "MATERIAL"
-        painted = _painted(appearance.sources) if reads_images else casting.painted
-        if casting is None or (casting.key, casting.painted) != (key, painted):
-            casting = _castings[scene.session_uid] = Casting(key, painted, now)
-        casting.looked = now
-    if not casting.ready and not bpy.app.timers.is_registered(bake_some):
+        reads_images = baked is None or scene.crowd_lod.overlay_color == "MATERIAL"
+        painted = _painted(appearance.sources) if reads_images else baked.painted
+        if baked is None or (baked.key, baked.painted) != (key, painted):
+            baked = _baked[scene.session_uid] = BakedCharacters(key, painted, now)
+        baked.looked = now
+    if not baked.ready and not bpy.app.timers.is_registered(bake_some):
         bpy.app.timers.register(bake_some)
-    return casting
+    return baked
 
 
 def read(scene: bpy.types.Scene) -> Iterator[float]:
@@ -95,17 +95,17 @@ def read(scene: bpy.types.Scene) -> Iterator[float]:
     Call it outside drawing.
     """
     key, looks = cache_key(scene)
-    casting = _castings[scene.session_uid] = Casting(
+    baked = _baked[scene.session_uid] = BakedCharacters(
         key, _painted(looks.sources), clock.monotonic()
     )
-    while not casting.ready:
-        _bake_on(scene, casting)
-        yield casting.progress
+    while not baked.ready:
+        _bake_on(scene, baked)
+        yield baked.progress
 
 
 def drop(scene: bpy.types.Scene) -> None:
     """Drop the scene's baked characters."""
-    _castings.pop(scene.session_uid, None)
+    _baked.pop(scene.session_uid, None)
 
 
 @guard
@@ -118,8 +118,8 @@ def bake_some() -> float | None:
     if at_work():
         return WAIT
     for scene in bpy.data.scenes:
-        casting = _castings.get(scene.session_uid)
-        if casting is not None and not casting.ready:
+        baked = _baked.get(scene.session_uid)
+        if baked is not None and not baked.ready:
             try:
                 for group in scene.crowd_lod.groups:
                     actions_named(scene, group.name)
@@ -127,44 +127,44 @@ def bake_some() -> float | None:
                 # The state machine has an error, which the overlay shows. Once it is mended, the
                 # next drawing starts this timer again.
                 continue
-            _bake_on(scene, casting)
+            _bake_on(scene, baked)
             sidebars.redraw_viewports()
             return 0.0
     return None
 
 
-def _bake_on(scene: bpy.types.Scene, casting: Casting) -> None:
-    """Bake some frames of the casting's next character."""
+def _bake_on(scene: bpy.types.Scene, baked: BakedCharacters) -> None:
+    """Bake some frames of the next character."""
     levels = scene.crowd_lod.levels
     counts = set() if levels is None else {len(level.children) for level in levels.children}
-    number = len(casting.characters)
+    number = len(baked.characters)
     of = max(counts, default=0)
     if len(counts) != 1 or number >= of:  # the user has put collections in, or taken them out
-        casting.characters = ()
-        casting.ready = True
+        baked.characters = ()
+        baked.ready = True
         return
     groups = scene.crowd_lod.groups
     home = levels.children[0].children[number]
     name = home.get(GROUP) or (groups[number].name if number < len(groups) else home.name)
     try:
         find = partial(_homes, scene.session_uid, number)
-        if casting.baking is None:
-            casting.work.announce(of - number)
+        if baked.baking is None:
+            baked.work.announce(of - number)
             baking = bake_character(name, find, actions_named(scene, name))
-            casting.baking = casting.work.take(baking, 1)
-        casting.progress = next(casting.baking)
+            baked.baking = baked.work.take(baking, 1)
+        baked.progress = next(baked.baking)
     except StopIteration as end:
-        casting.characters += (end.value,)
-        casting.notes += (end.value.note,) if end.value.note else ()
-        casting.baking = None
-        casting.ready = number + 1 == of
+        baked.characters += (end.value,)
+        baked.notes += (end.value.note,) if end.value.note else ()
+        baked.baking = None
+        baked.ready = number + 1 == of
     except (
         CrowdError
     ) as error:  # what the user can mend, such as a state that names no action of the file
-        casting.give_up(str(error))
+        baked.give_up(str(error))
     except Exception as error:
         traceback.print_exc()
-        casting.give_up(
+        baked.give_up(
             f"The overlay cannot draw the LOD meshes of {name} ({error}): see the console for "
             f"details."
         )
@@ -186,7 +186,7 @@ def cache_key(scene: bpy.types.Scene) -> tuple[str, Looks]:
     The pixels of the looks' images are left out.
     """
     appearance = Looks()
-    facts: list[object] = sorted(cast_inputs(scene).items())
+    facts: list[object] = sorted(character_inputs(scene).items())
     for home in (home for level in scene.crowd_lod.levels.children for home in level.children):
         appearance.ramp = None
         facts.append((home.session_uid, home.get(GROUP)))

@@ -28,9 +28,9 @@ from ..scene.shot_reference import reference, use_of
 from ..sources.crowd_parts import GROUPS
 from ..sources.crowd_sources import inputs_of, live
 from . import agent_colors
-from .appearance import cast_of, colors_of, drawing_of, style_of
+from .appearance import bodies_of, colors_of, drawing_of, style_of
 from .draw_data import Style
-from .gpu_batches import Batches, Cast
+from .gpu_batches import Batches, GpuBodies
 from .inset import Above
 from .open_shutter import open_shutter, values_of
 from .viewport_camera import viewpoint
@@ -41,11 +41,11 @@ class Display:
     """What the viewport shows of a scene: a frame, or a problem.
 
     crowd_inputs: values that trajectory and bias depend on. frame_inputs: that the plan of the
-        frame depends on as well. cast_inputs: that the cast depends on. If all are equal the
+        frame depends on as well. bodies_inputs: that the bodies depend on. If all are equal the
         display is up to date.
     looked: time in seconds when the trajectory was last compared with its map and state machine.
     colors: the agents' colors.
-    cast, batches: on the GPU.
+    bodies, batches: on the GPU.
     draw_began: time in seconds when its last drawing began.
     worst: pixels by which LODs in sight deviate at most; None if they are not measured.
     above: the frame from above; None until it is needed.
@@ -55,11 +55,11 @@ class Display:
 
     crowd_inputs: tuple = ()
     frame_inputs: tuple = ()
-    cast_inputs: tuple = ()
+    bodies_inputs: tuple = ()
     looked: float = 0.0
     frame: Frame | None = None
     colors: agent_colors.Colors | None = None
-    cast: Cast | None = None
+    bodies: GpuBodies | None = None
     batches: Batches | None = None
     draw_began: float = 0.0
     worst: float | None = None
@@ -69,7 +69,7 @@ class Display:
 
 
 @dataclass(frozen=True)
-class _View:
+class _ViewportState:
     """What the next frame of a viewport is made from, besides the crowd.
 
     occluders: scenery that may hide agents from the scene's camera; None hides nobody.
@@ -93,7 +93,7 @@ class _View:
     refused: tuple[LeftOut, ...] = ()
 
 
-def _view_of(context) -> _View:
+def _view_of(context) -> _ViewportState:
     scene = context.scene
     settings = scene.crowd_lod
     region = context.region.as_pointer() if settings.overlay_camera == "VIEWPORT" else None
@@ -126,7 +126,7 @@ def _view_of(context) -> _View:
         # parts that have not changed are the same occluders (blender/occluders.py)
         occluders,
     )
-    return _View(
+    return _ViewportState(
         region,
         tuple(eyes),
         policy,
@@ -170,14 +170,14 @@ def display_now(context, before: Display | None) -> Display:
             before.frame if before is not None and before.crowd_inputs == crowd_inputs else None
         )
         crowd, looked = _crowd_of(context, view.policy, before, same_frame, now)
-        cast_inputs = crowd.trajectory.groups, view.style.mode, view.characters
-        same_cast = before is not None and before.cast_inputs == cast_inputs
+        bodies_inputs = crowd.trajectory.groups, view.style.mode, view.characters
+        same_bodies = before is not None and before.bodies_inputs == bodies_inputs
         same_crowd = same_frame is not None and crowd.trajectory is same_frame.trajectory
         if (
             same_crowd
             and crowd.bias is same_frame.bias
             and before.frame_inputs == view.inputs
-            and same_cast
+            and same_bodies
         ):
             before.looked = looked
             return before
@@ -185,13 +185,13 @@ def display_now(context, before: Display | None) -> Display:
         display = Display(
             crowd_inputs=crowd_inputs,
             frame_inputs=view.inputs,
-            cast_inputs=cast_inputs,
+            bodies_inputs=bodies_inputs,
             looked=looked,
             frame=frame,
             notes=(*view.notes, *filter(None, [frame.unplanned])),
             worst=worst_error(frame),
         )
-        _upload(display, context.scene.crowd_lod, view, before if same_cast else None, before)
+        _upload(display, context.scene.crowd_lod, view, before if same_bodies else None, before)
         return display
     except CrowdError as error:
         if before is not None and before.problem == str(error):
@@ -199,7 +199,7 @@ def display_now(context, before: Display | None) -> Display:
         return Display(problem=str(error))
 
 
-def _plan_frame(crowd: SceneCrowd, view: _View) -> Frame:
+def _plan_frame(crowd: SceneCrowd, view: _ViewportState) -> Frame:
     use = use_of(crowd, view.time, view.eyes if view.region is None else ())
     request = Request(
         time=view.time,
@@ -215,23 +215,25 @@ def _plan_frame(crowd: SceneCrowd, view: _View) -> Frame:
 def _upload(
     display: Display,
     settings,
-    view: _View,
-    with_cast: Display | None,
+    view: _ViewportState,
+    with_bodies: Display | None,
     before: Display | None,
 ) -> None:
     """Hand the display's frame to the GPU.
 
-    with_cast: a display with the same characters on the GPU; None if they must be uploaded.
+    with_bodies: a display with the same characters on the GPU; None if they must be uploaded.
     before: the display before, whose equal textures and batches are used again.
     """
     frame = display.frame
     groups = frame.trajectory.groups
-    display.cast = with_cast.cast if with_cast else cast_of(groups, view.style, view.characters)
+    display.bodies = (
+        with_bodies.bodies if with_bodies else bodies_of(groups, view.style, view.characters)
+    )
     display.colors = colors_of(settings.overlay_color, frame, view.characters)
     # Of the viewport's own view the frustum is the viewport's edge.
     draws_frustum = view.region is None
     drawing = drawing_of(settings, frame, view.style, display.colors, draws_frustum)
-    display.batches = Batches(drawing, display.cast, before and before.batches)
+    display.batches = Batches(drawing, display.bodies, before and before.batches)
 
 
 def _crowd_inputs(scene) -> tuple:

@@ -14,7 +14,7 @@ from ...crowd_lod.crowd.agents import Group
 from ..blender.color_space import to_srgb
 from . import shader_programs
 from .draw_data import Drawing
-from .skinned_characters import Character
+from .skinned_characters import SkinnedCharacter
 
 if TYPE_CHECKING:
     from gpu.types import GPUBatch, GPUTexture
@@ -24,13 +24,13 @@ WIDEST = 16384  # texels, of a texture on every GPU
 MOST_SKINNED = 32e6  # bytes of a LOD's skinned frames
 
 
-class Cast:
+class GpuBodies:
     """The characters on the GPU: everything that stays the same from frame to frame.
 
     characters: one per group, or () to draw boxes.
     """
 
-    def __init__(self, groups: tuple[Group, ...], characters: tuple[Character, ...]):
+    def __init__(self, groups: tuple[Group, ...], characters: tuple[SkinnedCharacter, ...]):
         self.characters = characters
         self.boxes = [batch_of(*_box(group)) for group in groups] if not characters else []
         self.joints = [_joint_texture(character.frames) for character in characters]
@@ -71,18 +71,20 @@ class Cast:
 class Batches:
     """A Drawing uploaded to the GPU."""
 
-    def __init__(self, drawing: Drawing, cast: Cast | None = None, before: "Batches | None" = None):
+    def __init__(
+        self, drawing: Drawing, bodies: GpuBodies | None = None, before: "Batches | None" = None
+    ):
         """Upload the Drawing `drawing`.
 
-        cast: the characters or boxes to instance; None draws points and lines alone.
+        bodies: the characters or boxes to instance; None draws points and lines alone.
         before: an earlier Batches; every texture or batch whose arrays are equal is reused from it.
         """
         from gpu.types import Buffer, GPUUniformBuf
 
         self.origin = drawing.origin
         self.diameter = drawing.diameter
-        self.cast = cast
-        self.draws = drawing.draws if cast is not None else ()
+        self.bodies = bodies
+        self.draws = drawing.draws if bodies is not None else ()
         self.materials = drawing.materials
         self.plays = drawing.plays or ("",) * len(drawing.draws)
         self._uploads: dict[str, tuple] = {}

@@ -113,15 +113,15 @@ def _paint_meshes(batches: Batches, matrix: np.ndarray, view: np.ndarray) -> Non
     """Draw each LOD and group with one instanced draw, the finest LOD first."""
     import gpu
 
-    cast = batches.cast
+    bodies = batches.bodies
     bound_kind = None
     batches.view.update(view_buffer(matrix, view))
-    materials = batches.materials and bool(cast.characters)
+    materials = batches.materials and bool(bodies.characters)
     for (level, group, first, count), action in zip(batches.draws, batches.plays, strict=False):
-        batch = cast.meshes[group][level] if cast.characters else cast.boxes[group]
+        batch = bodies.meshes[group][level] if bodies.characters else bodies.boxes[group]
         if batch is None:
             continue
-        kind = cast.kind(level, group)
+        kind = bodies.kind(level, group)
         if kind != bound_kind:
             shader = shader_programs.meshes(kind, materials)
             bound_kind = kind
@@ -129,16 +129,16 @@ def _paint_meshes(batches: Batches, matrix: np.ndarray, view: np.ndarray) -> Non
             shader.uniform_block("view", batches.view)
             shader.uniform_sampler("agents", batches.agents)
             shader.uniform_sampler("palette", batches.palette)
-        if cast.characters:
-            cast.bind(shader, level, group, action)
+        if bodies.characters:
+            bodies.bind(shader, level, group, action)
         else:
             shader.uniform_int("count", count)
         if materials:
-            shader.uniform_sampler("images", cast.images[group])
-        closed = not cast.characters or cast.characters[group].meshes[level].closed
+            shader.uniform_sampler("images", bodies.images[group])
+        closed = not bodies.characters or bodies.characters[group].meshes[level].closed
         gpu.state.face_culling_set("BACK" if closed else "NONE")
         shader.uniform_int("base", first)
-        instances = count if cast.characters else -(-count // shader_programs.BOXES)
+        instances = count if bodies.characters else -(-count // shader_programs.BOXES)
         batch.draw_instanced(shader, instance_start=0, instance_count=instances)
     gpu.state.face_culling_set("NONE")
 

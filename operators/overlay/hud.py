@@ -43,7 +43,7 @@ BY_DISTANCE = REASONS[NEAR_ENOUGH], REASONS[DISTANCE]  # reasons that the depth 
 
 
 @dataclass(frozen=True)
-class Line:
+class HudLine:
     """A line of text.
 
     color: linear color of a square before the text, or None for no square.
@@ -58,7 +58,7 @@ def figures(
     colors: Colors,
     notes: Sequence[str] = (),
     worst: float | None = None,
-) -> tuple[Line, ...]:
+) -> tuple[HudLine, ...]:
     """Return the overlay's lines of text about `frame`, with the legend of its colors.
 
     colors: of the agents.
@@ -69,24 +69,28 @@ def figures(
     people = frame.without_worn(frame.buckets)
     visible = len(people.order)
     culled = (agents - visible) / agents if agents else 0.0
-    lines = [Line(f"{counted(agents, 'agent')}, {visible:,} visible, {culled:.1%} culled")]
+    lines = [HudLine(f"{counted(agents, 'agent')}, {visible:,} visible, {culled:.1%} culled")]
     counts = enumerate(people.counts)
     lines += [
-        Line(f"LOD {k}  {count:,}", colors.of_name(k) if colors.by_lod else None)
+        HudLine(f"LOD {k}  {count:,}", colors.of_name(k) if colors.by_lod else None)
         for k, count in counts
     ]
     if frame.hidden is not None:
         hidden = frame.hidden[: len(frame.trajectory.bare.start)].sum()
-        lines.append(Line(f"Hidden by scenery  {hidden:,}", None if colors.culled else HIDDEN[:3]))
+        lines.append(
+            HudLine(f"Hidden by scenery  {hidden:,}", None if colors.culled else HIDDEN[:3])
+        )
     lines += [] if colors.by_lod else legend(colors)
-    lines += map(Line, notes)
+    lines += map(HudLine, notes)
     if frame.full_triangles:
-        lines.append(Line(f"Triangles  {share(frame.triangles, frame.full_triangles)} without LOD"))
+        lines.append(
+            HudLine(f"Triangles  {share(frame.triangles, frame.full_triangles)} without LOD")
+        )
     if worst is not None:
-        lines.append(Line(f"Largest error  {number(worst)} px"))
+        lines.append(HudLine(f"Largest error  {number(worst)} px"))
     if frame.dropped:
         lines.append(
-            Line(
+            HudLine(
                 f"{counted(frame.dropped, 'agent')} at NaN or infinity "
                 f"{'is' if frame.dropped == 1 else 'are'} left out."
             )
@@ -94,7 +98,7 @@ def figures(
     return tuple(lines)
 
 
-def legend(colors: Colors) -> list[Line]:
+def legend(colors: Colors) -> list[HudLine]:
     """Return a line for each of the colors' names, MOST_NAMES at most, and the count of others.
 
     Where culled agents are colored, too, only the names of colors that some agent has.
@@ -102,14 +106,14 @@ def legend(colors: Colors) -> list[Line]:
     used = range(len(colors.names))
     if colors.culled:
         used = np.flatnonzero(np.bincount(colors.index)).tolist()
-    lines = [Line(colors.names[k], colors.of_name(k)) for k in used[:MOST_NAMES]]
+    lines = [HudLine(colors.names[k], colors.of_name(k)) for k in used[:MOST_NAMES]]
     more = len(used) - MOST_NAMES
-    return [*lines, Line(f"and {more} more")] if more > 0 else lines
+    return [*lines, HudLine(f"and {more} more")] if more > 0 else lines
 
 
-def line_of(account: Account, colors: Colors) -> Line:
+def line_of(account: Account, colors: Colors) -> HudLine:
     """Return the line about the picked agent, in its color."""
-    return Line(describe(account), colors.of_agent(account.agent, account.visible))
+    return HudLine(describe(account), colors.of_agent(account.agent, account.visible))
 
 
 def describe(account: Account) -> str:
@@ -133,7 +137,7 @@ def short(count: int) -> str:
     return f"{count:,}"
 
 
-def wrap_lines(lines: Sequence[Line], letters: int, rows: int) -> list[Line]:
+def wrap_lines(lines: Sequence[HudLine], letters: int, rows: int) -> list[HudLine]:
     """Return `lines` wrapped to lines of at most `letters` characters.
 
     rows: the most lines returned; if there are more, the last one is "...".
@@ -141,16 +145,16 @@ def wrap_lines(lines: Sequence[Line], letters: int, rows: int) -> list[Line]:
     broken_lines = []
     for line in lines:
         first, *rest = textwrap.wrap(line.text, max(3, letters), subsequent_indent="  ") or [""]
-        broken_lines += [Line(first, line.color), *map(Line, rest)]
+        broken_lines += [HudLine(first, line.color), *map(HudLine, rest)]
     return (
         broken_lines
         if len(broken_lines) <= rows
-        else [*broken_lines[: max(0, rows - 1)], Line("...")][:rows]
+        else [*broken_lines[: max(0, rows - 1)], HudLine("...")][:rows]
     )
 
 
 def write(
-    lines: Sequence[Line], box: tuple[float, float, float, float], ui_scale: float
+    lines: Sequence[HudLine], box: tuple[float, float, float, float], ui_scale: float
 ) -> tuple[float, float]:
     """Write lines of text from the top down into a box of the region being drawn.
 

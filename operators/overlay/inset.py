@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...crowd_lod.crowd.maps import Area
+from ...crowd_lod.world.maps import Area
 from .agent_colors import Colors
 from .draw_data import CULLED, FRUSTUM, Drawing
 from .gpu_batches import Batches
 from .gpu_draw import paint
-from .hud import LETTERS, MARGIN, WHITE, Line, fill, write
+from .hud import LETTERS, MARGIN, WHITE, HudLine, fill, write
 
 if TYPE_CHECKING:
     from gpu.types import GPUTexture
@@ -40,7 +40,7 @@ class Above:
 
     texture: "GPUTexture"
     width: float
-    captions: tuple[Line, ...]
+    captions: tuple[HudLine, ...]
 
     @property
     def size(self) -> tuple[int, int]:
@@ -48,10 +48,10 @@ class Above:
         return self.texture.width, self.texture.height
 
 
-def captions(colors: Colors) -> tuple[Line, ...]:
+def captions(colors: Colors) -> tuple[HudLine, ...]:
     """Return title and legend of the picture of agents in these `colors`."""
-    culled = () if colors.culled else (Line("Culled", CULLED[:3]),)
-    return Line("From above"), Line("Camera's view", FRUSTUM[:3]), *culled
+    culled = () if colors.culled else (HudLine("Culled", CULLED[:3]),)
+    return HudLine("From above"), HudLine("Camera's view", FRUSTUM[:3]), *culled
 
 
 def with_strays(drawing: Drawing, strays: np.ndarray) -> Drawing:

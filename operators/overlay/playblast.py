@@ -14,12 +14,12 @@ import numpy as np
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame import Frame
-from ...crowd_lod.reporting.png_file import save_png
+from ...crowd_lod.output.png_file import save_png
 from ..blender import console
 from ..blender.color_space import to_linear
 from ..scene.scene_crowd import SceneCrowd
 from . import character_cache, hud
-from .appearance import cast_of, colors_of, drawing_of, style_of
+from .appearance import bodies_of, colors_of, drawing_of, style_of
 from .gpu_batches import Batches
 from .gpu_draw import paint, put_depth
 from .visibility import reveal_hidden, show_as_rendered
@@ -115,7 +115,9 @@ class Canvas:
         with gpu.matrix.push_pop(), gpu.matrix.push_pop_projection():
             gpu.matrix.load_matrix(Matrix())
             gpu.matrix.load_projection_matrix(to_clip)
-            hud.write([hud.Line(caption)], (0, 0, width, height), caption_size(width) / hud.LETTERS)
+            hud.write(
+                [hud.HudLine(caption)], (0, 0, width, height), caption_size(width) / hud.LETTERS
+            )
 
 
 def caption_size(width: int) -> int:
@@ -192,7 +194,7 @@ class Playblast:
         self.crowd = crowd
         self.stage = crowd.scene
         self.size = size
-        self.cast = self.batches = None
+        self.bodies = self.batches = None
         self.notes: tuple[str, ...] = ()
 
     def __enter__(self):
@@ -205,7 +207,7 @@ class Playblast:
 
     def __exit__(self, *_):
         self._opened.close()
-        self.cast = self.batches = None
+        self.bodies = self.batches = None
         character_cache.drop(self.stage)
 
     def prepare(self) -> Iterator[float]:
@@ -217,7 +219,7 @@ class Playblast:
         self.style, self.characters, self.notes = style_of(self.stage, self.crowd.policy.count)
         if self.style.mode != self.stage.crowd_lod.overlay_mode:
             raise CrowdError(" ".join(self.notes))
-        self.cast = cast_of(self.crowd.trajectory.groups, self.style, self.characters)
+        self.bodies = bodies_of(self.crowd.trajectory.groups, self.style, self.characters)
 
     def place(self, frame: Frame) -> None:
         """Upload the frame's agents to the GPU."""
@@ -225,7 +227,7 @@ class Playblast:
         colored = colors_of(settings.overlay_color, frame, self.characters)
         # the frustum that is looked along is the picture's edge
         what = drawing_of(settings, frame, self.style, colored, framed=False)
-        self.batches = Batches(what, self.cast)
+        self.batches = Batches(what, self.bodies)
 
     def main(self, path: Path, caption: str) -> None:
         """Write the view of the stage's camera to `path`, with the agents."""

@@ -31,7 +31,7 @@ TOLERANCE = 1e-3  # of the character's diagonal; a larger difference is noted fo
 
 
 @dataclass(frozen=True, eq=False)
-class Character:
+class SkinnedCharacter:
     """A character group as the shaders draw it.
 
     frames: (F, J, 3, 4) float32, see crowd_lod.animation.skinning; of one action after the other.
@@ -63,7 +63,7 @@ class Character:
 
 
 @dataclass(frozen=True)
-class _Part:
+class _MeshOfLod:
     """A mesh object of one LOD.
 
     number: index over the objects of all LODs.
@@ -88,14 +88,14 @@ class _Bench:
     parts: the mesh objects, those of the finest LOD first.
     counts: how many of them each LOD has.
     times: (F,) the baked frames, of one action after the other.
-    rows: of a Character.
+    rows: of a SkinnedCharacter.
     is_read: whether the meshes at rest were read: from then on only their places count.
     """
 
     origin: np.ndarray
     stage: bpy.types.Scene
     performance: Performance
-    parts: list[_Part]
+    parts: list[_MeshOfLod]
     counts: list[int]
     times: np.ndarray
     rows: dict[str, tuple[int, int]]
@@ -126,10 +126,10 @@ class _Bench:
 
 def bake_character(
     name: str, find: Callable[[], Sequence[bpy.types.Collection]], actions: Sequence[str] = ()
-) -> Generator[float, None, Character]:
+) -> Generator[float, None, SkinnedCharacter]:
     """Bake a character group over all of its actions; yield the progress, 0 to 1.
 
-    Returns the Character. CrowdError if it has more than MOST_JOINTS joints.
+    Returns the SkinnedCharacter. CrowdError if it has more than MOST_JOINTS joints.
     The user's data stays as it is. At each yield nothing temporary is in the file, so that Blender
     may go on in between.
 
@@ -170,7 +170,7 @@ def bake_character(
 
 
 def _baked_times(performance: Performance) -> tuple[np.ndarray, dict[str, tuple[int, int]]]:
-    """Return (the frames to bake, of one action after the other; `rows` of a Character)."""
+    """Return (the frames to bake, of one action after the other; `rows` of a SkinnedCharacter)."""
     most = min(MOST_FRAMES, MOST_ROWS // len(performance.spans))
     times = [
         np.linspace(*span, min(int(np.ceil(span[1] - span[0])) + 1, most))
@@ -184,7 +184,7 @@ def _baked_times(performance: Performance) -> tuple[np.ndarray, dict[str, tuple[
     return np.concatenate(times), rows
 
 
-def _baking(name: str, bench: _Bench) -> Generator[float, None, Character]:
+def _baking(name: str, bench: _Bench) -> Generator[float, None, SkinnedCharacter]:
     """Bake the character on the bench: yield the progress between small steps, return it."""
     appearance = Looks()
     meshes_at_rest = []
@@ -192,7 +192,7 @@ def _baking(name: str, bench: _Bench) -> Generator[float, None, Character]:
     for number in range(len(bench.parts)):
         meshes_at_rest.append((yield from work.take(_reading(bench, number, appearance))))
     bench.read_places_alone()
-    recorder = _Recorder(bench.origin)
+    recorder = _MatrixRecorder(bench.origin)
     for index in range(len(bench.times)):
         recorder.record(bench.parts, bench.go_to(index))
         yield work.did(1)
@@ -224,10 +224,10 @@ def _baking(name: str, bench: _Bench) -> Generator[float, None, Character]:
         )
     images = appearance.images()
     ramp = appearance.ramp
-    return Character(name, frames, meshes, images, color, off, sentence, bench.rows, ramp)
+    return SkinnedCharacter(name, frames, meshes, images, color, off, sentence, bench.rows, ramp)
 
 
-def _part(number: int, item: bpy.types.Object, stage: bpy.types.Scene) -> _Part:
+def _part(number: int, item: bpy.types.Object, stage: bpy.types.Scene) -> _MeshOfLod:
     rig = next(
         (m.object for m in item.modifiers if m.type == "ARMATURE" and m.object and m.show_viewport),
         None,
@@ -247,10 +247,10 @@ def _part(number: int, item: bpy.types.Object, stage: bpy.types.Scene) -> _Part:
         if rig
         else ()
     )
-    return _Part(number, item, rest, rig, bones)
+    return _MeshOfLod(number, item, rest, rig, bones)
 
 
-class _Recorder:
+class _MatrixRecorder:
     """Records over time the matrices of objects, and of bones as they move points in the world."""
 
     def __init__(self, origin: np.ndarray):
@@ -258,7 +258,7 @@ class _Recorder:
         self.objects: dict[int, list] = {}
         self.bones: dict[tuple[str, str], list] = {}
 
-    def record(self, parts: list[_Part], depsgraph: bpy.types.Depsgraph) -> None:
+    def record(self, parts: list[_MeshOfLod], depsgraph: bpy.types.Depsgraph) -> None:
         bones_by_rig: dict[bpy.types.Object, set] = {}
         for part in parts:
             self.objects.setdefault(part.number, []).append(self._placed(part.rest, depsgraph))
@@ -285,12 +285,12 @@ class _Recorder:
 class _Joints:
     """The character's joints, each distinct one stored once."""
 
-    def __init__(self, recorder: _Recorder):
+    def __init__(self, recorder: _MatrixRecorder):
         self.recorder = recorder
         self.tracks: dict[bytes, int] = {}
         self.kept: list[np.ndarray] = []
 
-    def index(self, part: _Part, bone: str | None) -> int:
+    def index(self, part: _MeshOfLod, bone: str | None) -> int:
         """Return the joint that moves the part with `bone`, or with its object if None."""
         matrices = np.array(self.recorder.objects[part.number])
         if bone is not None:
@@ -375,7 +375,7 @@ def _reading_weights(bench: _Bench, number: int, count: int) -> Generator[None, 
     return weights
 
 
-def _piece(part: _Part, joints: _Joints, read: tuple) -> tuple[SkinnedMesh, SkinnedMesh]:
+def _piece(part: _MeshOfLod, joints: _Joints, read: tuple) -> tuple[SkinnedMesh, SkinnedMesh]:
     """Return the part as (mesh of vertices, mesh of distinct corners).
 
     The first mesh has only points, joints and weights.

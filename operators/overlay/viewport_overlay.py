@@ -14,7 +14,7 @@ from ...crowd_lod.frame.frame import Frame
 from ..blender import scene_cache, scene_data, sidebars, steps
 from ..blender.guard import guard
 from ..blender.image_data import LOOK_AGAIN
-from ..characters import cast_provenance
+from ..characters import character_provenance
 from . import (
     character_cache,
     hud,
@@ -166,7 +166,7 @@ def _draw_figures(context) -> None:
     if account is not None:
         hud.ring(display.frame, account.agent, region, ui_scale)
     legend = box[0], box[3]
-    lines: tuple[hud.Line, ...] = ()
+    lines: tuple[hud.HudLine, ...] = ()
     if settings.hud:
         notes = (*display.notes, *filter(None, [steps_back(context)]))
         lines = hud.figures(display.frame, display.colors, notes, display.worst)
@@ -250,5 +250,5 @@ TIMERS = (
     read_shutters,
     _stop,
     character_cache.bake_some,
-    cast_provenance.read_some,
+    character_provenance.read_some,
 )

@@ -5,7 +5,7 @@ import bpy
 from ..blender.sidebar_answers import hold
 from .buckets import LEVEL
 from .nodes import instances, trees
-from .render_setup import BAKED, MADE_FROM
+from .render_setup import BAKED, LOD_SIZES
 
 # Custom property of scenes that a run of ours draws: it moves their build itself.
 STAGE = "crowd_lod_stage"
@@ -43,7 +43,7 @@ def _names(scene: bpy.types.Scene) -> list[str]:
         if LEVEL in item and any(map(_is_live, item.modifiers)):
             homes = item.users_collection
             if builds.isdisjoint(homes):
-                names.append(next((home.name for home in homes if MADE_FROM in home), item.name))
+                names.append(next((home.name for home in homes if LOD_SIZES in home), item.name))
     return sorted(set(names))
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import bpy
 import numpy as np
 
-from ...crowd_lod.animation.phase_classes import Library
+from ...crowd_lod.animation.phase_classes import Cast
 from ...crowd_lod.crowd.leave_outs import WORKBENCH
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame import Frame
@@ -21,7 +21,7 @@ from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import frame_stepping, mesh_data, removal, scene_data
 from ..blender.ownership import remove_owned
 from ..blender.removal import removed_on_failure
-from ..characters.cast_provenance import reading
+from ..characters.character_provenance import reading
 from ..freshness.bake_frames import cameras_digest, lights_digest
 from ..scene import lights
 from ..scene.frame_plan import frame_of
@@ -29,10 +29,10 @@ from ..scene.scene_crowd import SceneCrowd, read_crowd
 from ..sources.record_points import on_record
 from .baked_actions import trim_actions
 from .buckets import Bucket, buckets_of, members, points_of
-from .frame_update import Held, columns_of, held_by, opening
-from .group_models import read_library
+from .frame_update import OpenShutter, columns_of, held_by, opening
+from .group_models import read_models
 from .hidden_characters import HIDDEN, shows_characters
-from .phase_characters import Cast, make_cast
+from .phase_characters import BuiltCharacters, make_characters
 from .render_setup import (
     BAKED,
     CAMERAS,
@@ -53,7 +53,7 @@ MOST_POINTS = 200_000_000
 @on_record(lambda scene, frames, *strict: frames)
 def bake(
     scene: bpy.types.Scene, frames: Sequence[int], strict: bool = False
-) -> Generator[float, None, Cast]:
+) -> Generator[float, None, BuiltCharacters]:
     """Build `scene` with the points of all `frames` in the file.
 
     frames: increasing frames of the timeline. At other frames the build shows no agents. It renders
@@ -61,7 +61,7 @@ def bake(
         when the shutter opens and closes.
     strict: a frame without the LODs of the scene's shot plan is an error.
 
-    Yields the progress and returns the Cast. Closed early, it leaves the scene as it was.
+    Yields the progress and returns the BuiltCharacters. Closed early, it leaves the scene as it was.
 
     CrowdError if the shutter is open for a frame (LONGEST) or longer.
     """
@@ -69,20 +69,20 @@ def bake(
     check_scene(crowd)
     _check_shutter(scene)
     work = Workload(10)
-    read = yield from work.take(read_library(crowd), 2)
+    read = yield from work.take(read_models(crowd), 2)
     with removed_on_failure(read.blocks):
-        library = Library(read.posed)
-        moments = yield from work.take(_compute(crowd, library, frames, strict), 6)
+        cast = Cast(read.posed)
+        moments = yield from work.take(_compute(crowd, cast, frames, strict), 6)
     selection = _select_characters(moments.rows, crowd.policy.count)
-    cast = yield from work.take(make_cast(crowd, selection, read), 2)
+    built = yield from work.take(make_characters(crowd, selection, read), 2)
     times = [scene_data.remap(scene.render, number) for number in frames]
-    with removed_on_failure(cast.names):
-        yield from work.take(trim_actions(cast.rigs, times))
-    top = install(crowd, cast)
+    with removed_on_failure(built.names):
+        yield from work.take(trim_actions(built.rigs, times))
+    top = install(crowd, built)
     mark(scene, frames)
     _write(top, moments)
     dress_all(scene)
-    return replace(cast, unplanned=unplanned_notes(moments.unplanned))
+    return replace(built, unplanned=unplanned_notes(moments.unplanned))
 
 
 def _check_shutter(scene: bpy.types.Scene) -> None:
@@ -196,11 +196,11 @@ def _select_characters(rows: dict[Bucket, list[_Columns]], count: int) -> list[n
 
 
 def _compute(
-    crowd: SceneCrowd, library: Library, frames: Sequence[int], strict: bool
+    crowd: SceneCrowd, cast: Cast, frames: Sequence[int], strict: bool
 ) -> Generator[float, None, _Moments]:
     """Compute the points of all frames; yields the progress.
 
-    library: the characters that the points show.
+    cast: the characters that the points show.
     """
     scene = crowd.scene
     trajectory = crowd.trajectory
@@ -215,7 +215,7 @@ def _compute(
             moments.unplanned.append(note_of(number, frame.unplanned, strict))
             shutter = held_by(crowd, number, frame.crowd)
             for bucket, agents in members(frame).items():
-                columns = columns_in_time(trajectory, shutter, number, agents, library)
+                columns = columns_in_time(trajectory, shutter, number, agents, cast)
                 moments.rows[bucket].append(columns)
                 points[bucket] += len(agents)
             if max(points.values()) > MOST_POINTS:
@@ -244,19 +244,19 @@ def _plan(
 
 
 def columns_in_time(
-    trajectory: Trajectory, shutter: Held, number: int, agents: np.ndarray, library: Library
+    trajectory: Trajectory, shutter: OpenShutter, number: int, agents: np.ndarray, cast: Cast
 ) -> dict[str, np.ndarray]:
     """Return the point attributes of `agents` (m,) for the group of nodes/baked.py.
 
     They are those of frame_update.columns_of, the frame's `number` and, from what the frame holds,
     velocities.
     """
-    columns = columns_of(trajectory, shutter.crowd, shutter, agents, library)
+    columns = columns_of(trajectory, shutter.crowd, shutter, agents, cast)
     moving = {"frame": np.full(len(agents), number, np.int32)}
     for part, crowd in shutter.ends:
         if not part:
             continue
-        then = columns_of(trajectory, crowd, shutter, agents, library)
+        then = columns_of(trajectory, crowd, shutter, agents, cast)
         when = "before" if part < 0 else "after"
         moving[f"move_{when}"] = (then["position"] - columns["position"]) / np.float32(part)
         moving[f"turn_{when}"] = _turn(columns, then) / np.float32(part)

@@ -12,7 +12,7 @@ from ...crowd_lod.progress import Made, Workload
 from ..blender import frame_stepping, provenance, removal, scene_data
 from ..blender.cameras import read_cameras
 from ..blender.operator import Reporting, Stepwise
-from ..characters.cast_provenance import reading, reading_afresh
+from ..characters.character_provenance import reading, reading_afresh
 from ..characters.group_measuring import measuring_groups
 from ..characters.stored_groups import groups_of, store_groups
 from ..freshness.artifacts import note_build
@@ -30,7 +30,7 @@ from .bake import bake
 from .cost_estimate import estimate
 from .frame_update import update
 from .hidden_characters import hide_characters, notes_on_characters
-from .render_setup import build, notes_on_cast, remove_build
+from .render_setup import build, notes_on_built, remove_build
 from .watched_points import watch_points
 
 
@@ -75,7 +75,7 @@ def prepared(
             if lacks_levels or not earlier_groups:
                 crowd = read_crowd(scene)  # the groups are others
             yield from whole.take(reading(scene))
-            made_for = build_parts(crowd)
+            made_of = build_parts(crowd)
             result = yield from whole.take(work(crowd), 7)
             # no more yields: what is half shown could not be put back
             with provenance.unedited():
@@ -83,7 +83,7 @@ def prepared(
                 watch_points(scene)
                 layer.update()
             frame = update(scene, layer.depsgraph)
-            note_build(scene, made_for)
+            note_build(scene, made_of)
             finished = True
             return result, crowd, frame
     finally:
@@ -104,12 +104,12 @@ def build_live(scene: bpy.types.Scene) -> Generator[float, None, str]:
     if not len(scene.crowd_lod.groups):
         trajectory_of(scene)  # says to populate first
     check_blur(scene)
-    cast, crowd, frame = yield from prepared(scene, build)
+    built, crowd, frame = yield from prepared(scene, build)
     sentences = (
         f"{len(frame.without_worn(frame.buckets).order):,} of {frame.people:,} agents stand in the "
         "scene.",
         frame.unplanned,
-        notes_on_cast(crowd, cast),
+        notes_on_built(crowd, built),
         notes_on_characters(scene),
     )
     return " ".join(filter(None, sentences))
@@ -118,11 +118,11 @@ def build_live(scene: bpy.types.Scene) -> Generator[float, None, str]:
 def bake_frames(scene: bpy.types.Scene) -> Generator[float, None, str]:
     """Bake the frames that `scene` renders: yield the progress, return a sentence on them."""
     frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
-    cast, crowd, _ = yield from prepared(scene, lambda _: bake(scene, frames), frames)
+    built, crowd, _ = yield from prepared(scene, lambda _: bake(scene, frames), frames)
     sentences = (
         f"{counted(len(frames), 'frame is', 'frames are')} baked: {shot_frames(frames)}.",
-        plan_verdict(scene.crowd_lod, cast.unplanned),
-        notes_on_cast(crowd, cast),
+        plan_verdict(scene.crowd_lod, built.unplanned),
+        notes_on_built(crowd, built),
         notes_on_characters(scene),
         frame_stepping.describe_unbaked(scene),
     )

@@ -18,7 +18,7 @@ LIGHT = 0.25  # a vertex's weight; what a bone moves by less hardly follows it
 
 
 @dataclass
-class Recording:
+class MotionRecording:
     """The motion of a character's bones and objects.
 
     times: (k,) moments of its action, increasing.
@@ -68,7 +68,7 @@ class Recording:
 
 def record_closely(
     actors: dict, performance: Performance, most_off: float
-) -> Generator[float, None, Recording]:
+) -> Generator[float, None, MotionRecording]:
     """Record the first action of the performance, at each frame and where it bends most between.
 
     actors: see record.
@@ -82,13 +82,13 @@ def record_closely(
     bones, places = yield from work.take(record(actors, times, performance), 4)
     reach = {armature: _reach(motion, actors, places) for armature, motion in bones.items()}
     kinks = _kinks(actors, performance)
-    recording = Recording(times, bones, places, reach, kinks, np.full(len(times) - 1, np.nan))
+    recording = MotionRecording(times, bones, places, reach, kinks, np.full(len(times) - 1, np.nan))
     return (yield from work.take(refine(recording, actors, performance, most_off), 6))
 
 
 def refine(
-    recording: Recording, actors: dict, performance: Performance, most_off: float
-) -> Generator[float, None, Recording]:
+    recording: MotionRecording, actors: dict, performance: Performance, most_off: float
+) -> Generator[float, None, MotionRecording]:
     """Return the recording with further moments; see record_closely. Yields the progress."""
     most = max(MOST_KEYS, 2 * len(performance.keys(1)))
     allowed = _affordable(recording.off, most_off, most)
@@ -121,8 +121,8 @@ def _affordable(off: np.ndarray, allowed: float, most: int) -> float:
 
 
 def _inserted(
-    recording: Recording, between: Recording, begins: np.ndarray, numbers: np.ndarray
-) -> Recording:
+    recording: MotionRecording, between: MotionRecording, begins: np.ndarray, numbers: np.ndarray
+) -> MotionRecording:
     """Return `recording` with the moments of `between` of these `numbers`.
 
     begins: for each moment of `between` the number of the interval that it halves.
@@ -163,7 +163,7 @@ def _kinks(actors: dict, performance: Performance) -> np.ndarray:
 
 
 def _reach(motion: Bones, actors: dict, places: dict) -> np.ndarray:
-    """Return what Recording.reach does of an armature; a bone's head where it deforms nothing.
+    """Return what MotionRecording.reach does of an armature; a bone's head where it deforms nothing.
 
     places: of `record`.
     """
@@ -190,7 +190,9 @@ def _reach(motion: Bones, actors: dict, places: dict) -> np.ndarray:
     return reach
 
 
-def _measure(recording: Recording, between: Recording, begins: np.ndarray) -> np.ndarray:
+def _measure(
+    recording: MotionRecording, between: MotionRecording, begins: np.ndarray
+) -> np.ndarray:
     """Return how far straight lines are off at the moments of `between`, (m,) meters.
 
     begins: (m,), the number of the interval that each is in.

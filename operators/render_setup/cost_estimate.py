@@ -9,7 +9,6 @@ from typing import NamedTuple
 import bpy
 import numpy as np
 
-from ...crowd_lod.culling.coverage import covered_pixels
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import byte_size
 from ...crowd_lod.frame.frame import Frame
@@ -30,21 +29,20 @@ from ...crowd_lod.levels.cost_model import (
 from ...crowd_lod.progress import Workload, run_in_thread
 from ..blender import frame_stepping, scene_data
 from ..blender.materials import images_of
-from ..characters.cast_provenance import reading
+from ..characters.character_provenance import reading
 from ..characters.holdings import holdings_of
 from ..characters.stored_groups import groups_of
 from ..lod_meshes.selection import MOST_FRAMES
 from ..scene import lights
 from ..scene.frame_plan import frame_by_policy
-from ..scene.scene_crowd import SceneCrowd, home_of, policy_of, read_crowd
+from ..scene.scene_crowd import SceneCrowd, check_levels, home_of, policy_of, read_crowd
 from ..scene.scene_occluders import STAGE
 from ..scene.shot_reference import use_of
-from ..settings.cost_table import FULL, Case, Cost, CostTable
+from ..settings.cost_table import FULL, BuildCase, Cost, CostTable
 from ..sources.record_points import on_record
 from .buckets import members
 from .character_images import image_bytes, uses_cache
 from .phase_characters import meshes_of_plan
-from .render_setup import check_levels
 
 CACHED = 0.01  # part of an image's memory that far agents take from the texture cache
 LEAST_HIDDEN = 0.1  # part of the agents in the picture below which hiding them gains little
@@ -52,7 +50,7 @@ LEAST_IN_CYCLES = 10_000  # hidden agents of a frame: 17 MB and 0.1 s (docs/note
 
 
 @dataclass(frozen=True)
-class Choice:
+class LodSet:
     """LODs that a scene may have.
 
     triangles: (G, K) float64, of each group's LODs.
@@ -63,7 +61,7 @@ class Choice:
 
 
 @dataclass(frozen=True)
-class Estimate:
+class CostEstimate:
     """The work that builds give the engine, for each choice of LODs.
 
     works: of each case, in the frames `looked_at`.
@@ -76,7 +74,7 @@ class Estimate:
     refused: sentences on the scenery that hides nobody.
     """
 
-    works: dict[Case, Work]
+    works: dict[BuildCase, Work]
     costs: Costs
     frames: Sequence[int]
     looked_at: Sequence[int]
@@ -85,7 +83,7 @@ class Estimate:
     refused: tuple[str, ...] = ()
 
     @cached_property
-    def prices(self) -> dict[Case, Price]:
+    def prices(self) -> dict[BuildCase, Price]:
         """Return the cost of each case."""
         return {case: price(work, self.costs) for case, work in self.works.items()}
 
@@ -109,9 +107,9 @@ class Estimate:
             for case, cost in self.table.costs.items()
         }
 
-    def _title(self, case: Case) -> str:
+    def _title(self, case: BuildCase) -> str:
         """Return what a case is called; a bake is told from the live build of the same LODs."""
-        beside = case.is_baked and Case(case.choice) in self.works
+        beside = case.is_baked and BuildCase(case.choice) in self.works
         return f"{case.title}, Baked" if beside else case.title
 
     @property
@@ -142,7 +140,7 @@ class Estimate:
         return f"{gain}."
 
 
-def choices_of(settings) -> dict[str, Choice]:
+def choices_of(settings) -> dict[str, LodSet]:
     """Return the choices of LODs of a crowd with these settings, by keys of TITLES.
 
     They are: full detail; by distance, from the settings; and by tolerance, with the LOD meshes
@@ -156,7 +154,7 @@ def choices_of(settings) -> dict[str, Choice]:
             f"Estimate Cost."
         )
     full = np.array([counts[0] for counts in triangles_of], np.float64)[:, None]
-    choices = {FULL: Choice(LevelPolicy(()), full)}
+    choices = {FULL: LodSet(LevelPolicy(()), full)}
     for choice in ("BY_DISTANCE", "BY_TOLERANCE"):
         # the other's settings may be anything
         with nullcontext() if choice == settings.choice else suppress(CrowdError):
@@ -164,12 +162,12 @@ def choices_of(settings) -> dict[str, Choice]:
             if choice == settings.choice or (
                 choice == "BY_TOLERANCE" and deviations(groups, policy) is not None
             ):
-                choices[choice] = Choice(
+                choices[choice] = LodSet(
                     policy,
                     np.array([counts[: policy.count] for counts in triangles_of], np.float64),
                 )
             elif choice == "BY_DISTANCE":
-                choices[choice] = Choice(
+                choices[choice] = LodSet(
                     policy, full * np.round(settings.ratios[: policy.count], 6)
                 )
     return choices
@@ -178,7 +176,7 @@ def choices_of(settings) -> dict[str, Choice]:
 @on_record(lambda scene, frames=(), *_, **__: frames)
 def estimate(
     scene: bpy.types.Scene, frames: Sequence[int] = (), known: bool = False
-) -> Generator[float, None, Estimate]:
+) -> Generator[float, None, CostEstimate]:
     """Estimate what builds with each choice of LODs cost the scene's engine.
 
     frames: the frames of the shot; if empty, those that the scene renders. Up to MOST_FRAMES of
@@ -186,7 +184,7 @@ def estimate(
     known: estimate a bake of these frames. Otherwise estimate builds that may show any frame, and
         for the scene's own choice also a bake, which holds less.
 
-    Yields the progress and returns the Estimate.
+    Yields the progress and returns the CostEstimate.
     """
     frames = frames or range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
     looked_at = spread_evenly(frames, MOST_FRAMES)
@@ -195,10 +193,10 @@ def estimate(
     settings = crowd.settings
     choices = choices_of(settings)
     check_levels(crowd)
-    library = crowd.library
-    owner = library.owner(trajectory.gaits)
+    cast = crowd.cast
+    owner = cast.owner(trajectory.gaits)
     whole = Workload(1)
-    cast = yield from whole.take(holdings_of(crowd.characters, trajectory, library))
+    holdings = yield from whole.take(holdings_of(crowd.characters, trajectory, cast))
     views = yield from whole.take(_look_at(crowd, choices, looked_at), 1)
     of_plan = yield from whole.take(meshes_of_plan(crowd))
     works = {}
@@ -207,18 +205,18 @@ def estimate(
         actors = Actors(
             choice.triangles,
             owner,
-            cast.groups,
+            holdings.groups,
             stored_triangles(choice.triangles),
             finest=np.array(choice.policy.finest or [0] * len(trajectory.groups)),
-            moved_as=cast.moved_as,
+            moved_as=holdings.moved_as,
             held=of_plan if key == settings.choice else None,
         )
         agents_shown = views.agents_shown[key]
         used = agents_shown.any(axis=(0, 1))
-        in_bake = replace(actors, holdings=cast.baked(frames, trajectory, library, used))
-        cases = [Case(key, known)]
+        in_bake = replace(actors, holdings=holdings.baked(frames, trajectory, cast, used))
+        cases = [BuildCase(key, known)]
         if key == settings.choice and not known:
-            cases.append(Case(key, True))
+            cases.append(BuildCase(key, True))
         for case in cases:
             baked = case.is_baked
             work = work_of(in_bake if baked else actors, agents_shown, views.rays, baked)
@@ -229,7 +227,7 @@ def estimate(
                 objects = _objects_held(crowd, is_held, owner)
             works[case] = _with_images(scene, work, objects)
     hidden = views.hidden, views.hidden_agents, views.refused
-    return Estimate(works, costs, frames, looked_at, *hidden)
+    return CostEstimate(works, costs, frames, looked_at, *hidden)
 
 
 def _with_images(scene: bpy.types.Scene, work: Work, objects: Iterable[bpy.types.Object]) -> Work:
@@ -262,7 +260,7 @@ class _Seen(NamedTuple):
 
 
 def _look_at(
-    crowd: SceneCrowd, choices: dict[str, Choice], numbers: Sequence[int]
+    crowd: SceneCrowd, choices: dict[str, LodSet], numbers: Sequence[int]
 ) -> Generator[float, None, _Seen]:
     """Plan the frames of these numbers with each choice of LODs: yield the progress.
 
@@ -289,7 +287,7 @@ def _look_at(
                 if key == settings.choice:
                     frame = use.applied(frame)
                 agents_shown[key].append(_count_shown(frame, crowd, choice.policy.count))
-            rays.append(samples * covered(frame))
+            rays.append(samples * frame.covered())
             hidden_agents += hidden_wholly(frame)
             visible = len(frame.without_worn(frame.buckets).order)
             in_picture += hidden_wholly(frame) + visible
@@ -307,12 +305,12 @@ def _count_shown(frame: Frame, crowd: SceneCrowd, count: int) -> np.ndarray:
     count: the number K of LODs.
     """
     trajectory = crowd.trajectory
-    size = int(crowd.library.first(trajectory.gaits)[-1])
+    size = int(crowd.cast.first(trajectory.gaits)[-1])
     counts = np.zeros((count, size), np.int64)
     for bucket, agents in members(frame).items():
         if len(agents):
             seconds = trajectory.seconds(frame.time)
-            numbers = crowd.library.character_of(trajectory.gaits, frame.crowd, seconds, agents)
+            numbers = crowd.cast.character_of(trajectory.gaits, frame.crowd, seconds, agents)
             counts[bucket.level] += np.bincount(numbers, minlength=size)
     return counts
 
@@ -331,12 +329,3 @@ def _objects_held(
         for k in np.flatnonzero(is_held[:, owner == g].any(axis=1))
         for item in home_of(crowd.settings.levels.children[k], g, name).objects
     ]
-
-
-def covered(frame: Frame) -> float:
-    """Return roughly how many pixels of the picture the frame's agents cover."""
-    crowd = frame.crowd
-    agents = frame.buckets.order
-    spheres = frame.trajectory.spheres
-    places = np.stack(crowd.places(spheres.center, agents, frame.camera.origin))
-    return covered_pixels(frame.camera, places, spheres.radius[crowd.group[agents]])

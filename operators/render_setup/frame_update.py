@@ -9,7 +9,7 @@ from functools import partial
 import bpy
 import numpy as np
 
-from ...crowd_lod.animation.phase_classes import Library
+from ...crowd_lod.animation.phase_classes import Cast
 from ...crowd_lod.crowd.agents import Crowd
 from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.culling.shutter import differs
@@ -23,15 +23,15 @@ from ..blender.steps import at_work
 from ..freshness.bake_frames import is_bake
 from ..scene import lights
 from ..scene.frame_plan import SceneMoment, frame_of
-from ..scene.scene_crowd import SceneCrowd, read_crowd
+from ..scene.scene_crowd import SceneCrowd, check_levels, read_crowd
 from ..sources.crowd_sources import crowds_of, is_live, live
 from .appended_builds import standing_still
 from .buckets import buckets_of, members, points_in, points_of
-from .render_setup import MADE_FROM, check_levels, library_of, made_from
+from .render_setup import LOD_SIZES, cast_of, lod_sizes
 
 
 @dataclass(frozen=True)
-class Held:
+class OpenShutter:
     """What a frame keeps while its shutter is open: each agent's character.
 
     crowd: the crowd at the frame.
@@ -45,38 +45,38 @@ class Held:
     ends: tuple[tuple[float, Crowd], ...] = ()
 
 
-def held_by(crowd: SceneCrowd, number: float, agents: Crowd) -> Held:
+def held_by(crowd: SceneCrowd, number: float, agents: Crowd) -> OpenShutter:
     """Return what the frame `number` of the timeline holds; agents: at that frame."""
     render = crowd.scene.render
     length = render.motion_blur_shutter
     time = scene_data.remap(render, number)
     if not render.use_motion_blur or not length:
-        return Held(agents, time)
+        return OpenShutter(agents, time)
     opens = cameras.OPENS[render.motion_blur_position] * length
     parts = -opens, length - opens
     ends = [
         (part, crowd.trajectory.at(scene_data.remap(render, number + part)) if part else agents)
         for part in parts
     ]
-    return Held(agents, time, tuple(ends))
+    return OpenShutter(agents, time, tuple(ends))
 
 
 def columns_of(
-    trajectory: Trajectory, crowd: Crowd, shown_crowd: Held, agents: np.ndarray, library: Library
+    trajectory: Trajectory, crowd: Crowd, shown_crowd: OpenShutter, agents: np.ndarray, cast: Cast
 ) -> dict[str, np.ndarray]:
     """Return the point attributes of `agents` (m,) as they stand in `crowd`, by name.
 
     See `columns_by_bucket`.
     """
-    return columns_by_bucket(trajectory, crowd, shown_crowd, [agents], library)[0]
+    return columns_by_bucket(trajectory, crowd, shown_crowd, [agents], cast)[0]
 
 
 def columns_by_bucket(
     trajectory: Trajectory,
     crowd: Crowd,
-    shown_crowd: Held,
+    shown_crowd: OpenShutter,
     buckets: Sequence[np.ndarray],
-    library: Library,
+    cast: Cast,
 ) -> list[dict[str, np.ndarray]]:
     """Return the point attributes of each bucket's agents (m,), by name.
 
@@ -85,7 +85,7 @@ def columns_by_bucket(
     position: meters, world space.
     heading, of agents on slopes also pitch and roll (see height_map.lean): radians.
     phase, group: those of the agent.
-    pose: which of the `library`'s characters the agent shows, of the frame of `shown_crowd`.
+    pose: which of the `cast`'s characters the agent shows, of the frame of `shown_crowd`.
     size: of agents of other sizes, how much more than 1 their scale is.
     looks: a number in [0, 1) per agent, by which materials may vary.
     id: the stable index of the agent; of what is worn, its wearer's.
@@ -119,7 +119,7 @@ def columns_by_bucket(
     }
     if trajectory.wearer is not None:
         columns |= {"id": of(trajectory.wearer).astype(np.int32), "row": ids}
-    columns["pose"] = library.character_of(trajectory.gaits, shown_crowd.crowd, seconds, agents)
+    columns["pose"] = cast.character_of(trajectory.gaits, shown_crowd.crowd, seconds, agents)
     scale = trajectory.scale(shown_crowd.crowd, agents)
     if scale is not None:
         columns["size"] = scale - 1
@@ -139,7 +139,11 @@ def indices_in(columns: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def write(
-    top: bpy.types.Collection, trajectory: Trajectory, frame: Frame, shown_crowd: Held, crowd: Crowd
+    top: bpy.types.Collection,
+    trajectory: Trajectory,
+    frame: Frame,
+    shown_crowd: OpenShutter,
+    crowd: Crowd,
 ) -> None:
     """Write the agents of the frame's buckets to the points of the build `top`.
 
@@ -152,11 +156,11 @@ def write(
         for bucket, agents in members(frame).items()
         if bucket in points and (len(agents) or not _empty(points[bucket].data))
     }
-    library = library_of(top, trajectory)
+    cast = cast_of(top, trajectory)
     if not written_agents:
         return
     columns_of_buckets = columns_by_bucket(
-        trajectory, crowd, shown_crowd, list(written_agents.values()), library
+        trajectory, crowd, shown_crowd, list(written_agents.values()), cast
     )
     for bucket, columns in zip(written_agents, columns_of_buckets, strict=True):
         mesh_data.write_points(points[bucket].data, columns)
@@ -184,7 +188,7 @@ class Planned:
 
     trajectory: Trajectory
     frame: Frame
-    held: Held
+    held: OpenShutter
     shutter: Sequence[tuple[float, Sequence[Camera]]]
 
 
@@ -352,8 +356,8 @@ def _check_build(crowd: SceneCrowd) -> None:
         raise CrowdError(
             f"The build of {scene.name} lacks LODs that its settings ask for: press Build again."
         )
-    made_now = made_from(scene)
-    if top.get(MADE_FROM, made_now) != made_now:
+    sizes = lod_sizes(scene)
+    if top.get(LOD_SIZES, sizes) != sizes:
         raise CrowdError(
             f"The LOD meshes of {scene.name} have changed since its build was made: press Build "
             f"again."

@@ -24,7 +24,7 @@ from . import rigs
 class GroupModels:
     """Which groups rigs can show, and by which models.
 
-    posed: (G,) intp, see Library.
+    posed: (G,) intp, see Cast.
     models: for each group the model of each action; [] where rigs cannot show the group.
     notes: sentences on what does not show as it is.
     blocks: the new data-blocks and their final names.
@@ -36,7 +36,7 @@ class GroupModels:
     blocks: dict[bpy.types.ID, str] = field(default_factory=dict)
 
 
-def read_library(crowd: SceneCrowd) -> Generator[float, None, GroupModels]:
+def read_models(crowd: SceneCrowd) -> Generator[float, None, GroupModels]:
     """Model the groups of the crowd with rigs, where rigs can show them.
 
     Yields the progress. Closed early, it leaves nothing behind.
@@ -44,25 +44,25 @@ def read_library(crowd: SceneCrowd) -> Generator[float, None, GroupModels]:
     characters = crowd.characters
     measured = groups_of(crowd.settings)
     check_measured(characters, measured)
-    library = GroupModels(np.zeros(len(characters), np.intp))
+    group_models = GroupModels(np.zeros(len(characters), np.intp))
     lead = leads(characters, measured)
     work = Workload(len(characters))
-    with removed_on_failure(library.blocks):
+    with removed_on_failure(group_models.blocks):
         for g in range(len(characters)):
             if lead[g] == g:
                 family = [v for v, leader in enumerate(lead) if leader == g]
-                yield from work.take(_model_group(crowd, measured[g], family, library), 1)
+                yield from work.take(_model_group(crowd, measured[g], family, group_models), 1)
             else:  # a part moves as its wearers do
-                library.posed[g] = library.posed[lead[g]]
-                library.models.append(library.models[lead[g]])
+                group_models.posed[g] = group_models.posed[lead[g]]
+                group_models.models.append(group_models.models[lead[g]])
                 yield work.did(1)
-    return library
+    return group_models
 
 
 def _model_group(
-    crowd: SceneCrowd, measured: Group, family: list[int], library: GroupModels
+    crowd: SceneCrowd, measured: Group, family: list[int], group_models: GroupModels
 ) -> Generator[float, None, None]:
-    """Add the models of a group, which also move its parts, to `library`.
+    """Add the models of a group, which also move its parts, to `group_models`.
 
     family: the numbers of the group and of its parts.
     """
@@ -71,24 +71,24 @@ def _model_group(
     performance = group_performance(measured, objects)
     acts = [performance.only(action) for action in crowd.trajectory.gaits.actions]
     if all(act.still for act in acts):
-        library.posed[g] = 1
-        library.models.append([])
+        group_models.posed[g] = 1
+        group_models.models.append([])
         return
     levels = crowd.settings.levels.children[: crowd.policy.count]
     homes = [home_of(level, v, crowd.characters[v][0]) for v in family for level in levels]
     diagonal = measured.diagonal or 2 * measured.radius
     with as_rendered(item for home in homes for item in home.objects) as (stage, actors):
         character = rigs.Acting(name, homes, stage, actors, diagonal)
-        models, reasons = yield from _models(character, acts, library.blocks)
+        models, reasons = yield from _models(character, acts, group_models.blocks)
     if len(models) == len(acts):
-        library.notes.extend(filter(None, [" ".join(reasons)]))
-        library.models.append(models)
+        group_models.notes.extend(filter(None, [" ".join(reasons)]))
+        group_models.models.append(models)
         return
-    library.posed[g] = POSES
-    library.models.append([])
+    group_models.posed[g] = POSES
+    group_models.models.append([])
     frames = max(last - first for act in acts for first, last in act.spans)
     stands = stands_for(frames, scene_data.frame_rate(crowd.scene))
-    library.notes.append(
+    group_models.notes.append(
         f"{name} is shown as {POSES} still poses, {stands}, so its limbs "
         f"have no motion blur: {reasons[-1]}."
     )

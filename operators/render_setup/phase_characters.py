@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ...crowd_lod.animation.phase_classes import Library
+from ...crowd_lod.animation.phase_classes import Cast
 from ...crowd_lod.progress import Workload
 from ...crowd_lod.shot.stand_ins import hold_shown, stand_ins
 from ...crowd_lod.sources.trajectory import Trajectory
@@ -24,11 +24,11 @@ from ..blender.removal import removed_on_failure
 from ..blender.render_evaluation import as_rendered
 from ..lod_meshes.deviation import SOLID
 from ..scene.scene_crowd import SceneCrowd, home_of
-from ..scene.shot_reference import planned_cast
+from ..scene.shot_reference import planned_meshes
 from . import rigs
-from .group_models import GroupModels, read_library
+from .group_models import GroupModels, read_models
 
-# Of each LOD, the numbers of the characters that it gets (see Library).
+# Of each LOD, the numbers of the characters that it gets (see Cast).
 Selection = Sequence[Container[int]]
 Mesh = tuple[int, int]  # a LOD and a character's number
 # The characters that a LOD's collection holds, by number: each with the mesh that it shows.
@@ -36,12 +36,12 @@ Shelf = Sequence[tuple[int, Mesh]]
 
 
 @dataclass(frozen=True)
-class Cast:
+class BuiltCharacters:
     """The characters that a build shows, not yet in any scene.
 
-    posed: (G,) intp, see Library.
+    posed: (G,) intp, see Cast.
     collections: for each LOD its characters, each a collection's name and objects. Sorted by name
-        they stand in the order of the Library.
+        they stand in the order of the Cast.
     rigs: the armature objects that move the characters.
     names: each new block's final name, given once the blocks of an earlier build are gone.
     notes: sentences on what the characters do not show as it is.
@@ -57,7 +57,7 @@ class Cast:
 
 
 @dataclass
-class _Actors:
+class _GroupInMaking:
     """A group while its characters are made.
 
     g, name: its number and name.
@@ -78,104 +78,109 @@ class _Actors:
     rig_of: dict[tuple[int, float, int], dict[str, bpy.types.Object]]
 
 
-def make_cast(
+def make_characters(
     crowd: SceneCrowd,
     selection: Selection | None = None,
-    library: GroupModels | None = None,
+    group_models: GroupModels | None = None,
     of_plan: np.ndarray | None = None,
-) -> Generator[float, None, Cast]:
+) -> Generator[float, None, BuiltCharacters]:
     """Make the characters that agents of the crowd may show.
 
     selection: the characters to make; None makes all of the LODs that the policy has.
-    library: the result of read_library, whose blocks then belong to the Cast.
+    group_models: the result of read_models, whose blocks then belong to the BuiltCharacters.
     of_plan: what meshes_of_plan returns; without a selection, no other meshes are made.
 
-    Yields the progress, 0 to 1, and returns the Cast. Closed early, it leaves nothing behind.
+    Yields the progress, 0 to 1, and returns the BuiltCharacters. Closed early, it leaves nothing behind.
     """
-    work = Workload(1 if library else 2)
-    if library is None:
-        library = yield from work.take(read_library(crowd), 1)
-    cast = Cast(
-        library.posed,
+    work = Workload(1 if group_models else 2)
+    if group_models is None:
+        group_models = yield from work.take(read_models(crowd), 1)
+    built = BuiltCharacters(
+        group_models.posed,
         [[] for _ in range(crowd.policy.count)],
-        notes=library.notes,
+        notes=group_models.notes,
     )
-    cast.names.update(library.blocks)
-    with removed_on_failure(cast.names):
+    built.names.update(group_models.blocks)
+    with removed_on_failure(built.names):
         if selection is None:
-            shelves = _live_shelves(crowd, library.posed, of_plan)
+            shelves = _live_shelves(crowd, group_models.posed, of_plan)
         else:
-            numbers = range(Library(library.posed).first(crowd.trajectory.gaits)[-1])
+            numbers = range(Cast(group_models.posed).first(crowd.trajectory.gaits)[-1])
             shelves = [
                 [(number, (level, number)) for number in numbers if number in selected]
                 for level, selected in enumerate(selection)
             ]
-        yield from work.take(_fill_collections(crowd, library, shelves, cast), 1)
-    idle = [block for block in library.blocks if not block.users]  # of groups that nobody shows
+        yield from work.take(_fill_collections(crowd, group_models, shelves, built), 1)
+    idle = [
+        block for block in group_models.blocks if not block.users
+    ]  # of groups that nobody shows
     for block in idle:
-        del cast.names[block]
+        del built.names[block]
     removal.remove(idle)
-    for block in cast.names:
+    for block in built.names:
         block[OWNED] = True
-    return cast
+    return built
 
 
 def _live_shelves(crowd: SceneCrowd, posed: np.ndarray, of_plan: np.ndarray | None) -> list[Shelf]:
     """Return the shelves of a live build: on each all characters, or what stands in for them.
 
-    posed: of the Library. The build holds all meshes, or those `of_plan`; never LODs finer than
+    posed: of the Cast. The build holds all meshes, or those `of_plan`; never LODs finer than
     the policy has.
     """
     policy = crowd.policy
-    library = Library(posed)
+    cast = Cast(posed)
     gaits = crowd.trajectory.gaits
     finest = np.array(policy.finest or [0] * len(posed))
-    is_held = np.arange(policy.count)[:, None] >= finest[library.owner(gaits)]
+    is_held = np.arange(policy.count)[:, None] >= finest[cast.owner(gaits)]
     if of_plan is not None:
-        is_held &= hold_shown(of_plan, crowd.library, library, gaits)
-    levels, numbers = stand_ins(is_held, library.roles(gaits)).tolist()
+        is_held &= hold_shown(of_plan, crowd.cast, cast, gaits)
+    levels, numbers = stand_ins(is_held, cast.roles(gaits)).tolist()
     return [list(enumerate(zip(*row, strict=True))) for row in zip(levels, numbers, strict=True)]
 
 
 def meshes_of_plan(crowd: SceneCrowd) -> Generator[float, None, np.ndarray | None]:
     """Read which meshes the frames of the crowd's shot plan show, (K, L) bool.
 
-    They are LODs of the characters that the crowd's library numbers. Yields the progress. Returns
+    They are LODs of the characters that the crowd's cast numbers. Yields the progress. Returns
     None without a plan that holds.
     """
-    shown = yield from planned_cast(crowd)
-    size = crowd.policy.count, int(crowd.library.first(crowd.trajectory.gaits)[-1])
+    shown = yield from planned_meshes(crowd)
+    size = crowd.policy.count, int(crowd.cast.first(crowd.trajectory.gaits)[-1])
     return shown if shown is not None and shown.shape == size else None
 
 
 def _fill_collections(
-    crowd: SceneCrowd, library: GroupModels, shelves: Sequence[Shelf], cast: Cast
+    crowd: SceneCrowd, group_models: GroupModels, shelves: Sequence[Shelf], built: BuiltCharacters
 ) -> Generator[float, None, None]:
-    """Make what the shelves show, and put it into the collections of `cast`.
+    """Make what the shelves show, and put it into the collections of `built`.
 
     Yields the progress.
     """
     names = [name for name, _, _ in crowd.characters]
-    owner = Library(cast.posed).owner(crowd.trajectory.gaits)
+    owner = Cast(built.posed).owner(crowd.trajectory.gaits)
     of_numbers: dict[int, set[int]] = {}
     for shelf in shelves:
         for _, (level, number) in shelf:
             of_numbers.setdefault(number, set()).add(level)
-    objects = yield from _make_characters(crowd, library, of_numbers, cast)
+    objects = yield from _make_characters(crowd, group_models, of_numbers, built)
     for level, shelf in enumerate(shelves):
-        cast.collections[level].extend(
+        built.collections[level].extend(
             (f"{number:05d} {names[owner[number]]} LOD {level}", objects[mesh])
             for number, mesh in shelf
         )
 
 
 def _make_characters(
-    crowd: SceneCrowd, library: GroupModels, of_numbers: dict[int, set[int]], cast: Cast
+    crowd: SceneCrowd,
+    group_models: GroupModels,
+    of_numbers: dict[int, set[int]],
+    built: BuiltCharacters,
 ) -> Generator[float, None, dict[Mesh, list[bpy.types.Object]]]:
     """Make the LODs of characters in `of_numbers`: yield the progress, return their objects."""
     trajectory = crowd.trajectory
-    levels = crowd.settings.levels.children[: len(cast.collections)]
-    first = Library(cast.posed).first(trajectory.gaits)
+    levels = crowd.settings.levels.children[: len(built.collections)]
+    first = Cast(built.posed).first(trajectory.gaits)
     rig_of: dict = {}
     objects: dict[Mesh, list[bpy.types.Object]] = {}
     work = Workload(int(first[-1]))
@@ -183,21 +188,21 @@ def _make_characters(
         homes = [home_of(level, g, name) for level in levels]
         with as_rendered(item for home in homes for item in home.objects) as (stage, actors):
             performance = group_performance(trajectory.groups[g], own_objects)
-            models = library.models[g]
-            group = _Actors(g, name, homes, stage, actors, performance, models, rig_of)
+            models = group_models.models[g]
+            group = _GroupInMaking(g, name, homes, stage, actors, performance, models, rig_of)
             for number in range(first[g], first[g + 1]):
                 of_levels = sorted(of_numbers.get(number, ()))
                 place = number - int(first[g])
                 if of_levels:
-                    made = _make_character(cast, group, number, place, of_levels, trajectory)
+                    made = _make_character(built, group, number, place, of_levels, trajectory)
                     objects |= {(level, number): items for level, items in made.items()}
                 yield work.did(1)
     return objects
 
 
 def _make_character(
-    cast: Cast,
-    group: _Actors,
+    built: BuiltCharacters,
+    group: _GroupInMaking,
     number: int,
     place: int,
     of_levels: list[int],
@@ -208,17 +213,17 @@ def _make_character(
     number: its number among all characters.
     place: its number in the group.
     """
-    poses = int(cast.posed[group.g])
+    poses = int(built.posed[group.g])
     if not poses:
-        return _rig(cast, group, number, place, of_levels, trajectory)
+        return _rig(built, group, number, place, of_levels, trajectory)
     action, pose = divmod(place, poses)
     act = group.performance.only(trajectory.gaits.actions[action])
-    return _pose(cast, group, number, act, pose / poses, of_levels)
+    return _pose(built, group, number, act, pose / poses, of_levels)
 
 
 def _rig(
-    cast: Cast,
-    group: _Actors,
+    built: BuiltCharacters,
+    group: _GroupInMaking,
     number: int,
     place: int,
     of_levels: list[int],
@@ -236,20 +241,20 @@ def _rig(
         cycles = rate * trajectory.seconds_per_frame
         new_rigs = rigs.perform(model, title, cycles, phase_class / gaits.classes, span)
         group.rig_of[key] = new_rigs
-        cast.rigs.extend(new_rigs.values())
-        cast.names.update((rig, f"{title} {armature}") for armature, rig in new_rigs.items())
+        built.rigs.extend(new_rigs.values())
+        built.names.update((rig, f"{title} {armature}") for armature, rig in new_rigs.items())
 
     def moved(home: bpy.types.Collection) -> list[bpy.types.Object]:
         copies = [rigs.dress(item, model, group.rig_of[key]) for item in home.objects]
         for copy, item in zip(copies, home.objects, strict=True):
-            cast.names[copy] = f"{item.name} {number:05d}"
+            built.names[copy] = f"{item.name} {number:05d}"
         return copies
 
     return _by_level(group, of_levels, moved)
 
 
 def _by_level(
-    group: _Actors,
+    group: _GroupInMaking,
     of_levels: list[int],
     copied: Callable[[bpy.types.Collection], list[bpy.types.Object]],
 ) -> dict[int, list[bpy.types.Object]]:
@@ -263,8 +268,8 @@ def _by_level(
 
 
 def _pose(
-    cast: Cast,
-    group: _Actors,
+    built: BuiltCharacters,
+    group: _GroupInMaking,
     number: int,
     act: Performance,
     phase: float,
@@ -280,7 +285,9 @@ def _pose(
 
     def posed(home: bpy.types.Collection) -> list[bpy.types.Object]:
         return [
-            _still(cast, item, home, group.actors[item].evaluated_get(depsgraph), depsgraph, number)
+            _still(
+                built, item, home, group.actors[item].evaluated_get(depsgraph), depsgraph, number
+            )
             for item in home.objects
         ]
 
@@ -290,7 +297,7 @@ def _pose(
 
 
 def _still(
-    cast: Cast,
+    built: BuiltCharacters,
     item: bpy.types.Object,
     home: bpy.types.Collection,
     evaluated,
@@ -310,7 +317,7 @@ def _still(
         )
     matrix = Matrix.Translation(-home.instance_offset) @ evaluated.matrix_world
     still = item.copy() if mesh is None or item.type == "MESH" else mesh_like(item, mesh)
-    cast.names[still] = f"{item.name} {number:05d}"
+    built.names[still] = f"{item.name} {number:05d}"
     still.animation_data_clear()
     still.constraints.clear()
     still.parent = None
@@ -323,6 +330,6 @@ def _still(
     if np.abs(np.array(skew) - np.eye(4)).max() > 1e-5:
         mesh.transform(skew)
     still.data = mesh
-    cast.names[mesh] = cast.names[still]
+    built.names[mesh] = built.names[still]
     still.vertex_groups.clear()  # done with, and half of the memory
     return still

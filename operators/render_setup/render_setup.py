@@ -9,7 +9,7 @@ from contextlib import suppress
 import bpy
 import numpy as np
 
-from ...crowd_lod.animation.phase_classes import Library
+from ...crowd_lod.animation.phase_classes import Cast
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import number as figure
 from ...crowd_lod.progress import Workload
@@ -17,32 +17,31 @@ from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import provenance, removal, scene_data, stored_values
 from ..blender.materials import images_of
 from ..blender.ownership import OWNED, remove_owned
-from ..characters.cast_provenance import cast_inputs, reading
+from ..characters.character_provenance import character_inputs, reading
 from ..characters.stored_groups import groups_of
 from ..freshness.artifacts import to_make_again
 from ..freshness.bake_frames import BAKED, CAMERAS, LIGHTS, is_bake
 from ..lod_meshes.make_lods import TINTS
-from ..scene.scene_crowd import SceneCrowd, home_of
+from ..scene.scene_crowd import SceneCrowd, check_levels
 from . import played_by
 from .buckets import KIND, LEVEL, Bucket, buckets_of, points_of
 from .change_detection import named_by, shown_by
 from .character_images import IMAGE_BYTES, describe_images, image_bytes
 from .hidden_characters import unhide_characters
 from .nodes import baked, instances, trees
-from .phase_characters import Cast, Selection, make_cast, meshes_of_plan
-from .shelves import REMEDY, fill_shelves, shelves_of
+from .phase_characters import BuiltCharacters, Selection, make_characters, meshes_of_plan
+from .shelves import REMEDY, fill_shelves, shelves_in, shelves_of
 
 # Custom properties of the build's collection.
-MADE_FROM = "crowd_lod_made_from"  # see made_from
-POSED = "crowd_lod_posed"  # see Library
+LOD_SIZES = "crowd_lod_lod_sizes"  # see lod_sizes
+POSED = "crowd_lod_posed"  # see Cast
 PLAYED = "crowd_lod_played"  # see played_by.numbers
 ACTIONS = "crowd_lod_actions"  # see played_by.actions
-MADE_OF = "crowd_lod_made_of"  # see _inputs_of_characters
 NOTES = "crowd_lod_notes"  # sentences on what the build does not show
 
 
-def library_of(top: bpy.types.Collection, trajectory: Trajectory) -> Library:
-    """Return the Library of characters that the point objects of the build `top` instance.
+def cast_of(top: bpy.types.Collection, trajectory: Trajectory) -> Cast:
+    """Return the Cast of characters that the point objects of the build `top` instance.
 
     CrowdError if the build's rigs play otherwise than agents of `trajectory` do.
     """
@@ -53,33 +52,10 @@ def library_of(top: bpy.types.Collection, trajectory: Trajectory) -> Library:
             "made: press Build again."
         )
     groups = len(trajectory.gaits.rates)
-    return Library(np.array(stored_values.read(top, POSED, int, REMEDY, (groups,), (0, np.inf))))
+    return Cast(np.array(stored_values.read(top, POSED, int, REMEDY, (groups,), (0, np.inf))))
 
 
-def check_levels(crowd: SceneCrowd) -> None:
-    """Raise CrowdError if LOD meshes do not fit the settings."""
-    scene = crowd.scene
-    settings = crowd.settings
-    if settings.levels is None:
-        raise CrowdError(
-            f"The scene {scene.name} has no LOD meshes: press Make LOD Meshes in the Levels of "
-            f"Detail panel."
-        )
-    levels = settings.levels.children
-    count = crowd.policy.count
-    groups = len(levels[0].children) if levels else 0
-    if len(levels) < count or groups != len(settings.groups):
-        raise CrowdError(
-            f"The LOD meshes of {scene.name} ({len(levels)} LODs of {groups} character groups) do "
-            f"not fit the settings "
-            f"({count} of {len(settings.groups)}): press Make LOD Meshes and Build again."
-        )
-    for level in levels[:count]:
-        for g, group in enumerate(settings.groups):
-            home_of(level, g, group.name)
-
-
-def made_from(scene: bpy.types.Scene) -> str:
+def lod_sizes(scene: bpy.types.Scene) -> str:
     """Return a text that tells the scene's LOD meshes from others: sizes and feet."""
     objects = (
         item
@@ -97,7 +73,9 @@ def made_from(scene: bpy.types.Scene) -> str:
     )
 
 
-def build(crowd: SceneCrowd, selection: Selection | None = None) -> Generator[float, None, Cast]:
+def build(
+    crowd: SceneCrowd, selection: Selection | None = None
+) -> Generator[float, None, BuiltCharacters]:
     """Put point objects and their characters into a collection of the crowd's scene.
 
     There is one point object per bucket. What an earlier build made stays, with all that the user
@@ -106,26 +84,26 @@ def build(crowd: SceneCrowd, selection: Selection | None = None) -> Generator[fl
 
     selection: the characters to make; None makes all.
 
-    Yields the progress and returns the Cast. Closed early, it leaves the scene as it was.
+    Yields the progress and returns the BuiltCharacters. Closed early, it leaves the scene as it was.
     """
     scene = crowd.scene
     check_scene(crowd)
     complete = selection is None
-    cast = of_plan = None
+    built = of_plan = None
     inputs = {}
     work = Workload(10 if complete else 8)
     if complete:
         yield from work.take(reading(scene))
         of_plan = yield from work.take(meshes_of_plan(crowd), 2)
         inputs = _inputs_of_characters(crowd, of_plan)
-        cast = _current_cast(scene, inputs)
-    if cast is None:
-        cast = yield from work.take(make_cast(crowd, selection, of_plan=of_plan), 8)
-    top = install(crowd, cast)
+        built = _built_before(scene, inputs)
+    if built is None:
+        built = yield from work.take(make_characters(crowd, selection, of_plan=of_plan), 8)
+    top = install(crowd, built)
     if complete:
-        provenance.keep(top, MADE_OF, inputs | _digest_shown(top))
-        top[NOTES] = "\n".join(cast.notes)
-    return cast
+        provenance.keep(shelves_in(top), inputs | _digest_shown(top))
+        top[NOTES] = "\n".join(built.notes)
+    return built
 
 
 def check_scene(crowd: SceneCrowd) -> None:
@@ -135,8 +113,8 @@ def check_scene(crowd: SceneCrowd) -> None:
     check_build(crowd.scene)
 
 
-def _current_cast(scene: bpy.types.Scene, inputs: dict[str, str]) -> Cast | None:
-    """Return the Cast of the scene's build, without characters, or None if it is out of date.
+def _built_before(scene: bpy.types.Scene, inputs: dict[str, str]) -> BuiltCharacters | None:
+    """Return the BuiltCharacters of the scene's build, without characters, or None if it is out of date.
 
     inputs: see _inputs_of_characters.
     Posed meshes are always made anew.
@@ -145,11 +123,14 @@ def _current_cast(scene: bpy.types.Scene, inputs: dict[str, str]) -> Cast | None
     top = settings.build
     if top is None or scene_data.is_shared(scene, "build"):
         return None
-    if MADE_OF not in top or np.any(np.ravel(top.get(POSED, 1))):
+    home = shelves_in(top)
+    if home is None or np.any(np.ravel(top.get(POSED, 1))):
         return None
-    if not provenance.is_made_of(top, MADE_OF, inputs | _digest_shown(top)):
+    if not provenance.is_made_of(home, inputs | _digest_shown(top)):
         return None
-    return Cast(np.array(top[POSED], np.intp), [], notes=str(top.get(NOTES, "")).splitlines())
+    return BuiltCharacters(
+        np.array(top[POSED], np.intp), [], notes=str(top.get(NOTES, "")).splitlines()
+    )
 
 
 def _inputs_of_characters(crowd: SceneCrowd, of_plan: np.ndarray | None) -> dict[str, str]:
@@ -160,7 +141,7 @@ def _inputs_of_characters(crowd: SceneCrowd, of_plan: np.ndarray | None) -> dict
     levels = crowd.settings.levels.children[: crowd.policy.count]
     homes = [home for level in levels for home in level.children]
     played = played_by.numbers(crowd.trajectory), played_by.actions(crowd.trajectory)
-    return cast_inputs(crowd.scene) | {
+    return character_inputs(crowd.scene) | {
         "the LOD meshes": named_by(homes),
         "the actions": provenance.text_digest(played),
         "the shot plan": "" if of_plan is None else provenance.text_digest(of_plan.tolist()),
@@ -173,14 +154,14 @@ def _digest_shown(top: bpy.types.Collection) -> dict[str, str]:
     return {"the build": shown_by(top)}
 
 
-def install(crowd: SceneCrowd, cast: Cast) -> bpy.types.Collection:
+def install(crowd: SceneCrowd, built: BuiltCharacters) -> bpy.types.Collection:
     """Put characters and missing point objects into the build of the crowd's scene; return it."""
     upgrade()
     scene = crowd.scene
     top = _own_build(scene) or _new_build(scene)
-    _describe(crowd, top, cast)
-    if cast.collections:
-        fill_shelves(scene, top, cast)
+    _describe(crowd, top, built)
+    if built.collections:
+        fill_shelves(scene, top, built)
     top[IMAGE_BYTES] = float(image_bytes(images_of(top.all_objects)))
     _fit_points(top, crowd.policy.count)
     dress_all(scene)
@@ -195,15 +176,18 @@ def _new_build(scene: bpy.types.Scene) -> bpy.types.Collection:
     return top
 
 
-def _describe(crowd: SceneCrowd, top: bpy.types.Collection, cast: Cast) -> None:
+def _describe(crowd: SceneCrowd, top: bpy.types.Collection, built: BuiltCharacters) -> None:
     """Store in the build which characters it shows; forget what held for those before."""
     trajectory = crowd.trajectory
-    top[MADE_FROM] = made_from(crowd.scene)
-    top[POSED] = cast.posed.tolist()
+    top[LOD_SIZES] = lod_sizes(crowd.scene)
+    top[POSED] = built.posed.tolist()
     top[PLAYED] = played_by.numbers(trajectory)
     top[ACTIONS] = played_by.actions(trajectory)
-    for key in (BAKED, CAMERAS, LIGHTS, MADE_OF):
+    for key in (BAKED, CAMERAS, LIGHTS):
         top.pop(key, None)
+    home = shelves_in(top)
+    if home is not None:
+        home.pop(provenance.MADE_OF, None)
 
 
 def _fit_points(top: bpy.types.Collection, count: int) -> None:
@@ -219,14 +203,14 @@ def _fit_points(top: bpy.types.Collection, count: int) -> None:
     removal.remove([block for points in surplus.values() for block in (points, points.data)])
 
 
-def notes_on_cast(crowd: SceneCrowd, cast: Cast) -> str:
+def notes_on_built(crowd: SceneCrowd, built: BuiltCharacters) -> str:
     """Return sentences on how the build differs from the characters; "" if nowhere.
 
     Also on edited characters, and on LODs that deviate to fit in Memory for Characters.
     """
     sentences = [
         to_make_again(crowd.scene),
-        *cast.notes,
+        *built.notes,
         describe_images(crowd.scene),
         *_told_of_memory(crowd.settings),
     ]

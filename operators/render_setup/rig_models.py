@@ -9,7 +9,7 @@ from mathutils import Matrix
 from ..blender import removal
 from ..characters.bone_channels import ROUNDING, channels, turned_shortly
 from ..characters.bone_motion import Bones, split_scale
-from .close_recording import Recording
+from .close_recording import MotionRecording
 
 STILL = 1e-6  # meters, and radians: an object that moves by less stands
 TRACKS = "Crowd LOD tracks"  # a rig whose bones carry objects
@@ -34,7 +34,7 @@ class Model:
 
 
 def model_of(
-    name: str, recording: Recording, origin: np.ndarray, blocks: dict[bpy.types.ID, str]
+    name: str, recording: MotionRecording, origin: np.ndarray, blocks: dict[bpy.types.ID, str]
 ) -> Model:
     """Return the model of the character `name` from its recorded motion.
 

@@ -8,29 +8,29 @@ from ...crowd_lod.levels.assignment import MOST_LEVELS
 from ..blender import stored_values
 from ..blender.collection_caches import note_change, note_held
 from ..blender.ownership import OWNED, remove_owned
-from .phase_characters import Cast
+from .phase_characters import BuiltCharacters
 from .view_layers import exclude, show_where_characters_are
 
 # Custom properties: of the collection of all characters, and of a LOD's collection in it; of the
 # collection of all rigs in that.
-LIBRARY = "crowd_lod_library"
+SHELF = "crowd_lod_shelf"
 RIGS = "crowd_lod_rigs"
 REMEDY = "press Remove Build, then Build again"  # where a custom property of a build is spoilt
 
 
-def fill_shelves(scene: bpy.types.Scene, top: bpy.types.Collection, cast: Cast) -> None:
+def fill_shelves(scene: bpy.types.Scene, top: bpy.types.Collection, built: BuiltCharacters) -> None:
     """Put the characters into the build, in place of those that it has."""
-    library = library_in(top)
-    if library is None:
-        library = _library(top, "Crowd LOD Characters", LIBRARY, -1)
+    shelving = shelves_in(top)
+    if shelving is None:
+        shelving = _shelf(top, "Crowd LOD Characters", SHELF, -1)
         # else a view layer that the user adds later would show them
-        library.hide_render = library.hide_viewport = True
+        shelving.hide_render = shelving.hide_viewport = True
         for view_layer in scene.view_layers:
             view_layer.update()  # a scene that was never evaluated has no layer collections yet
-            exclude(view_layer.layer_collection, library)
+            exclude(view_layer.layer_collection, shelving)
         show_where_characters_are(scene)
     shelves = shelves_of(top)
-    levels = len(cast.collections)
+    levels = len(built.collections)
     old_characters = bpy.data.collections.new("Crowd LOD")
     spare = {}
     # what the user put into characters is to stay in this scene
@@ -39,26 +39,26 @@ def fill_shelves(scene: bpy.types.Scene, top: bpy.types.Collection, cast: Cast) 
         spare[level] = _emptied(shelf, old_characters)
         if level >= levels:
             old_characters.children.link(shelves.pop(level))
-    for level, characters in enumerate(cast.collections):
+    for level, characters in enumerate(built.collections):
         if level not in shelves:
-            shelves[level] = _library(library, f"Crowd LOD {level} characters", LIBRARY, level)
+            shelves[level] = _shelf(shelving, f"Crowd LOD {level} characters", SHELF, level)
             spare[level] = []
         for home in spare[level][len(characters) :]:
             shelves[level].children.unlink(home)
             old_characters.children.link(home)
-    rigs = next((child for child in library.children if RIGS in child), None) or _library(
-        library, "Crowd LOD Rigs", RIGS, True
+    rigs = next((child for child in shelving.children if RIGS in child), None) or _shelf(
+        shelving, "Crowd LOD Rigs", RIGS, True
     )
     for rig in [item for item in rigs.objects if item.get(OWNED)]:
         rigs.objects.unlink(rig)
         old_characters.objects.link(rig)
     remove_owned(old_characters)
-    for rig in cast.rigs:
+    for rig in built.rigs:
         rigs.objects.link(rig)
-    for level, characters in enumerate(cast.collections):
+    for level, characters in enumerate(built.collections):
         _fill(shelves[level], spare[level][: len(characters)], characters)
-    note_change(top, library, rigs, *shelves.values())
-    for block, name in cast.names.items():
+    note_change(top, shelving, rigs, *shelves.values())
+    for block, name in built.names.items():
         block.name = name
     note_held(
         rigs, *shelves.values(), *(home for shelf in shelves.values() for home in shelf.children)
@@ -106,7 +106,7 @@ def _emptied(
     return left
 
 
-def _library(parent: bpy.types.Collection, name: str, key: str, level: int) -> bpy.types.Collection:
+def _shelf(parent: bpy.types.Collection, name: str, key: str, level: int) -> bpy.types.Collection:
     shelf = bpy.data.collections.new(name)
     shelf[OWNED] = True
     shelf[key] = level
@@ -114,17 +114,17 @@ def _library(parent: bpy.types.Collection, name: str, key: str, level: int) -> b
     return shelf
 
 
-def library_in(top: bpy.types.Collection) -> bpy.types.Collection | None:
+def shelves_in(top: bpy.types.Collection) -> bpy.types.Collection | None:
     """Return the collection of all characters of the build `top`."""
-    return next((child for child in top.children if LIBRARY in child), None)
+    return next((child for child in top.children if SHELF in child), None)
 
 
 def shelves_of(top: bpy.types.Collection) -> dict[int, bpy.types.Collection]:
     """Return the collections of characters of the build `top`, by LOD."""
     inside = [
-        child for child in top.children_recursive if LIBRARY in child and child != library_in(top)
+        child for child in top.children_recursive if SHELF in child and child != shelves_in(top)
     ]
-    return {level_of(child, LIBRARY): child for child in inside}
+    return {level_of(child, SHELF): child for child in inside}
 
 
 def level_of(block: bpy.types.ID, key: str) -> int:

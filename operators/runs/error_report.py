@@ -20,10 +20,10 @@ from ...crowd_lod.format import counted, printable
 from ...crowd_lod.frame.frame_range import spread_evenly
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.levels.assignment import LevelPolicy
+from ...crowd_lod.output import error_plots
+from ...crowd_lod.output import files as outputs
+from ...crowd_lod.output import tables as report
 from ...crowd_lod.progress import Workload
-from ...crowd_lod.reporting import error_plots
-from ...crowd_lod.reporting import files as outputs
-from ...crowd_lod.reporting import tables as report
 from ...crowd_lod.validation import error_vs_runtime, extreme_cases, stiff_behavior
 from ..blender import cameras, scene_data
 from ..characters.group_measuring import measuring_groups

@@ -12,13 +12,13 @@ import numpy as np
 from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import HIDDEN, note_of
+from ...crowd_lod.output.png_file import save_png
 from ...crowd_lod.progress import Workload, run_in_thread
-from ...crowd_lod.reporting.png_file import save_png
 from ...crowd_lod.validation import image_difference
 from ...crowd_lod.validation.judged_agents import JudgedAgent, choose_agents
 from ...crowd_lod.validation.render_proof import agents_row
 from ..blender import frame_stepping, mesh_data, scene_data
-from ..characters.cast_provenance import reading
+from ..characters.character_provenance import reading
 from ..render_setup import bake, frame_update, render_setup
 from ..render_setup.buckets import Bucket, BucketKind, points_of
 from ..scene import lights
@@ -157,7 +157,7 @@ class Proof:
         self,
         number: int,
         planned: Frame,
-        poses: frame_update.Held,
+        poses: frame_update.OpenShutter,
         rows: dict[Bucket, Columns],
         agents_of: dict[BucketKind, np.ndarray],
     ) -> Generator[float, None, dict[str, Any]]:
@@ -216,7 +216,11 @@ class Proof:
             mesh_data.write_points(points.data, rows[bucket])
 
     def _choose(
-        self, number: int, planned: Frame, poses: frame_update.Held, rows: dict[Bucket, Columns]
+        self,
+        number: int,
+        planned: Frame,
+        poses: frame_update.OpenShutter,
+        rows: dict[Bucket, Columns],
     ) -> tuple[list[JudgedAgent], list[tuple[Shown, Shown]]]:
         """Return the agents that are judged alone, and each at full detail and as built."""
         trajectory = planned.trajectory

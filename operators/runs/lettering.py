@@ -5,8 +5,8 @@ from collections.abc import Generator, Sequence
 import bpy
 import numpy as np
 
+from ...crowd_lod.output.tables import SHEET, contact_sheet
 from ...crowd_lod.progress import run_in_thread
-from ...crowd_lod.reporting.tables import SHEET, contact_sheet
 from ...crowd_lod.simplification import rasterizer
 from ..blender import mesh_data, removal
 from ..blender.color_space import to_srgb

@@ -13,8 +13,8 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.culling.camera import Camera, Window
+from ...crowd_lod.output import file_checks
 from ...crowd_lod.progress import run_in_thread
-from ...crowd_lod.reporting import file_checks
 from ...crowd_lod.srgb import encoded
 from ...crowd_lod.validation import silhouette
 from ...crowd_lod.validation.judged_agents import JudgedAgent

@@ -18,18 +18,18 @@ from ...crowd_lod.frame.frame_range import spread_evenly
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import note_of, unplanned_notes
 from ...crowd_lod.levels.assignment import deviations
+from ...crowd_lod.output import tables
+from ...crowd_lod.output.frame_parts import FrameParts
+from ...crowd_lod.output.html_report import page
+from ...crowd_lod.output.png_file import save_png
+from ...crowd_lod.output.shot_page import preview_page
 from ...crowd_lod.progress import Workload, run_in_thread, unsure
-from ...crowd_lod.reporting import tables
-from ...crowd_lod.reporting.frame_parts import FrameParts
-from ...crowd_lod.reporting.html_report import page
-from ...crowd_lod.reporting.png_file import save_png
-from ...crowd_lod.reporting.shot_page import preview_page
 from ...crowd_lod.shot import plan_file
 from ...crowd_lod.shot.frame_errors import worst_error
 from ..blender import cameras, frame_stepping, image_data, removal, scene_data
 from ..blender.operator import Stepwise
 from ..blender.output_folders import output_folder, place_of
-from ..characters.cast_provenance import reading
+from ..characters.character_provenance import reading
 from ..characters.group_measuring import measuring_groups
 from ..characters.stored_groups import groups_of, store_groups
 from ..freshness.artifacts import to_make_again
@@ -116,7 +116,7 @@ def preview(
             return {"frames": [frame["row"] for frame in frames]}
         plan = yield from work.take(_describe(run, command, lods, frames))
         if shot is not None:
-            plan |= {key: shot_json(shot)[key] for key in ("made_for", "shot")}
+            plan |= {key: shot_json(shot)[key] for key in ("made_of", "shot")}
         plan["seconds"] = round(clock.perf_counter() - started, 3)
         yield from work.take(_write(run, frames, plan, shot, legends))
         return plan

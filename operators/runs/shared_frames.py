@@ -19,9 +19,9 @@ import bpy
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import printable
 from ...crowd_lod.frame.frame_range import frames_are
+from ...crowd_lod.output import files, frame_parts
+from ...crowd_lod.output.frame_parts import FrameParts
 from ...crowd_lod.progress import Workload
-from ...crowd_lod.reporting import files, frame_parts
-from ...crowd_lod.reporting.frame_parts import FrameParts
 from ..blender import console
 from ..scene.scene_crowd import SceneCrowd
 

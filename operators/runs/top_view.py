@@ -4,9 +4,9 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.behavior.walk import stray_places, walks_of
-from ...crowd_lod.crowd.maps import Area
 from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.frame.frame import Frame
+from ...crowd_lod.world.maps import Area
 from ..blender import mesh_data, scene_data
 from ..lod_meshes.make_lods import TINTS
 from ..overlay.draw_data import frustum_lines

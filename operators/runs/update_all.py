@@ -14,7 +14,7 @@ from ...crowd_lod.progress import Workload
 from ..blender import scene_data
 from ..blender.operator import Stepwise
 from ..blender.provenance import name_inputs
-from ..characters.cast_provenance import reading_afresh
+from ..characters.character_provenance import reading_afresh
 from ..freshness.artifacts import (
     BAKE,
     BUILD,

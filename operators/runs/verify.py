@@ -12,11 +12,11 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame_range import spread_evenly
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import unplanned_notes
+from ...crowd_lod.output import tables
+from ...crowd_lod.output.frame_parts import FrameParts
+from ...crowd_lod.output.png_file import save_png
+from ...crowd_lod.output.verify_report import verify_page
 from ...crowd_lod.progress import Workload, run_in_thread, unsure
-from ...crowd_lod.reporting import tables
-from ...crowd_lod.reporting.frame_parts import FrameParts
-from ...crowd_lod.reporting.png_file import save_png
-from ...crowd_lod.reporting.verify_report import verify_page
 from ...crowd_lod.validation.render_proof import is_ok
 from ..blender import cameras, cleanup, frame_stepping, image_data, removal, scene_data
 from ..characters.glow import glowing

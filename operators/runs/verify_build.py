@@ -12,7 +12,7 @@ from ...crowd_lod.frame.frame_range import frames_are, shot_frames
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import mesh_data
 from ..blender.provenance import read_inputs
-from ..characters.cast_provenance import reading_afresh
+from ..characters.character_provenance import reading_afresh
 from ..freshness import artifacts
 from ..freshness.bake_frames import (
     CAMERAS,
@@ -51,7 +51,7 @@ class ProvedBuild:
     hidden: bool = False
 
     def rows(
-        self, trajectory: Trajectory, planned: Frame, poses: frame_update.Held, number: int
+        self, trajectory: Trajectory, planned: Frame, poses: frame_update.OpenShutter, number: int
     ) -> dict[Bucket, Columns]:
         """Return the points that each bucket shows in the frame `number`.
 
@@ -89,7 +89,7 @@ def columns_of_members(
     top: bpy.types.Collection,
     trajectory: Trajectory,
     shown: Mapping[Bucket, np.ndarray],
-    poses: frame_update.Held,
+    poses: frame_update.OpenShutter,
     number: int,
 ) -> dict[Bucket, Columns]:
     """Return the attributes of each bucket's points in a build.
@@ -98,9 +98,9 @@ def columns_of_members(
     """
     points = points_of(top)
     nobody = np.empty(0, np.intp)
-    library = render_setup.library_of(top, trajectory)
+    cast = render_setup.cast_of(top, trajectory)
     return {
-        bucket: bake.columns_in_time(trajectory, poses, number, shown.get(bucket, nobody), library)
+        bucket: bake.columns_in_time(trajectory, poses, number, shown.get(bucket, nobody), cast)
         for bucket in points
     }
 

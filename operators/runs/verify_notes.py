@@ -3,7 +3,7 @@
 import bpy
 
 from ...crowd_lod.format import counted
-from ...crowd_lod.reporting import tables
+from ...crowd_lod.output import tables
 from ..blender import cameras, frame_stepping, scene_data
 from ..scene import lights
 from .verify_build import BAKE, LIVE, ProvedBuild

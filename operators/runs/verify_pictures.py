@@ -9,9 +9,9 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.culling.stereo import EYES
+from ...crowd_lod.output import file_checks
+from ...crowd_lod.output.png_file import save_png
 from ...crowd_lod.progress import run_in_thread
-from ...crowd_lod.reporting import file_checks
-from ...crowd_lod.reporting.png_file import save_png
 from ..blender import cameras, cleanup, console, image_data, removal
 
 # The pictures of a frame. The third is the culled one without those whom the camera does not see

@@ -12,11 +12,11 @@ import numpy as np
 
 from ...crowd_lod.behavior.walk import Walk
 from ...crowd_lod.crowd.agents import Group
-from ...crowd_lod.crowd.terrain import Terrain
 from ...crowd_lod.messages import Message, MessageKind
 from ...crowd_lod.sources.recorded import Recorded
 from ...crowd_lod.sources.trajectory import Trajectory
 from ...crowd_lod.validation import plausibility as judge
+from ...crowd_lod.world.terrain import Terrain
 from ..blender import scene_data
 from ..characters.character_extent import unknown
 from ..characters.rig_needs import POSES, Characters, refusal

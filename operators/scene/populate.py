@@ -13,7 +13,7 @@ from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import kept_meshes, scene_data
 from ..blender.operator import Stepwise
 from ..characters.action_troubles import notes_on_actions
-from ..characters.cast_provenance import reading_motions
+from ..characters.character_provenance import reading_motions
 from ..characters.characters import characters_of, notes_on_left_out, notes_on_unsaved
 from ..characters.glow import notes_on_glow
 from ..characters.group_measuring import measuring_groups

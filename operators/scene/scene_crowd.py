@@ -7,7 +7,7 @@ from functools import cached_property
 import bpy
 import numpy as np
 
-from ...crowd_lod.animation.phase_classes import Library
+from ...crowd_lod.animation.phase_classes import Cast
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.levels.assignment import Bias, LevelPolicy
@@ -47,8 +47,8 @@ class SceneCrowd:
         return characters_of(self.scene)
 
     @cached_property
-    def library(self) -> Library:
-        """The Library that a build makes of the characters.
+    def cast(self) -> Cast:
+        """The Cast that a build makes of the characters.
 
         A group that plays nothing but an action of one frame has one pose. For every other group,
         rigs are assumed to be able to show its motion. CrowdError if the characters are others
@@ -59,7 +59,7 @@ class SceneCrowd:
             own_performance(objects).still and not any(self.trajectory.gaits.actions)
             for _, objects, _ in self.characters
         ]
-        return Library(np.array(still, np.intp))
+        return Cast(np.array(still, np.intp))
 
     @property
     def groups_in_meters(self) -> list[Group]:
@@ -127,6 +127,29 @@ def home_of(level: bpy.types.Collection, g: int, name: str) -> bpy.types.Collect
             f"again."
         )
     return home
+
+
+def check_levels(crowd: SceneCrowd) -> None:
+    """Raise CrowdError if LOD meshes do not fit the settings."""
+    scene = crowd.scene
+    settings = crowd.settings
+    if settings.levels is None:
+        raise CrowdError(
+            f"The scene {scene.name} has no LOD meshes: press Make LOD Meshes in the Levels of "
+            f"Detail panel."
+        )
+    levels = settings.levels.children
+    count = crowd.policy.count
+    groups = len(levels[0].children) if levels else 0
+    if len(levels) < count or groups != len(settings.groups):
+        raise CrowdError(
+            f"The LOD meshes of {scene.name} ({len(levels)} LODs of {groups} character groups) do "
+            f"not fit the settings "
+            f"({count} of {len(settings.groups)}): press Make LOD Meshes and Build again."
+        )
+    for level in levels[:count]:
+        for g, group in enumerate(settings.groups):
+            home_of(level, g, group.name)
 
 
 def policy_of(settings, choice: str = "") -> LevelPolicy:

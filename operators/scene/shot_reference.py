@@ -26,7 +26,7 @@ from ..blender import scene_cache, scene_data
 from ..blender.cameras import reading_cameras
 from ..blender.output_folders import full_path
 from ..blender.provenance import differences, name_inputs, text_digest
-from ..characters.cast_provenance import cast_inputs
+from ..characters.character_provenance import character_inputs
 from ..sources import crowd_overrides
 from .scene_crowd import SceneCrowd
 from .scene_occluders import scenery_digest
@@ -40,7 +40,7 @@ MESHES = "the LOD meshes"
 OVERRIDES = "the overrides"
 # what is asked of a plan: a frame may use it although these differ
 ASKED = CAMERA, "the frames", "Pop Reduction", "the budget"
-ABOUT = "version", "blend_file", "made_for"  # arrays of a plan's file that say nothing of its LODs
+ABOUT = "version", "blend_file", "made_of"  # arrays of a plan's file that say nothing of its LODs
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ def _phases_of(crowd: SceneCrowd) -> Phases | None:
         if stored is not None and len(stored.phases.shift) == len(crowd.trajectory.start):
             now = crowd_digests(crowd.trajectory)
             others = now.keys() - {MESHES, OVERRIDES}
-            if all(stored.made_for.get(name) == now[name] for name in others):
+            if all(stored.made_of.get(name) == now[name] for name in others):
                 return stored.phases
     return None
 
@@ -208,7 +208,7 @@ def changes_since_plan(crowd: SceneCrowd) -> Generator[float, None, list[str]]:
 
 def _followed(stored: StoredPlan) -> dict[str, str]:
     """Return the parts that the plan follows from, without what was asked of it."""
-    return {name: part for name, part in stored.made_for.items() if name not in ASKED}
+    return {name: part for name, part in stored.made_of.items() if name not in ASKED}
 
 
 def notes_on_shot(crowd: SceneCrowd) -> Generator[float, None, str]:
@@ -221,7 +221,7 @@ def notes_on_shot(crowd: SceneCrowd) -> Generator[float, None, str]:
     return _not_used(stored_plan(crowd.settings), changes) if changes else ""
 
 
-def planned_cast(crowd: SceneCrowd) -> Generator[float, None, np.ndarray | None]:
+def planned_meshes(crowd: SceneCrowd) -> Generator[float, None, np.ndarray | None]:
     """Read which meshes the frames of the crowd's plan show, (K, L) bool; see plan_file.
 
     Yields the progress. Returns None without a plan that holds in all its frames.
@@ -252,12 +252,12 @@ def plan_inputs(crowd: SceneCrowd) -> dict[str, str]:
         # with the crowd's own digests these tell the overrides, too
         OVERRIDES: _digest(digest_of(crowd.settings)),
     }
-    of_scene = cast_inputs(crowd.scene) | scenery_digest(crowd.scene)
+    of_scene = character_inputs(crowd.scene) | scenery_digest(crowd.scene)
     return crowd_digests(crowd.trajectory) | of_settings | of_scene
 
 
 def crowd_digests(trajectory: Trajectory) -> dict[str, str]:
-    """Return those digests of `made_for` that tell of the crowd and its LOD meshes."""
+    """Return those digests of `made_of` that tell of the crowd and its LOD meshes."""
     if trajectory not in _crowds:
         _crowds[trajectory] = _of_crowd(trajectory)
     return _crowds[trajectory]

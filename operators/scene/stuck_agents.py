@@ -10,10 +10,10 @@ import numpy as np
 from ...crowd_lod.behavior.courant_number import courant
 from ...crowd_lod.behavior.exact_walk import Trouble, trouble
 from ...crowd_lod.behavior.walk import Walk, walks_of
-from ...crowd_lod.crowd.maps import LabelMap
 from ...crowd_lod.crowd.state_machine import StateMachine
 from ...crowd_lod.messages import Message, MessageKind
 from ...crowd_lod.sources.trajectory import Trajectory
+from ...crowd_lod.world.maps import LabelMap
 from ..settings.messages import in_words
 
 SECONDS = 60.0  # that the search looks ahead

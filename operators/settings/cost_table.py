@@ -11,7 +11,7 @@ FULL = "FULL"
 TITLES = {FULL: "Full Detail", "BY_DISTANCE": "By Distance", "BY_TOLERANCE": "By Tolerance"}
 
 
-class Case(NamedTuple):
+class BuildCase(NamedTuple):
     """A build that a scene may have: how its LODs are chosen, a key of TITLES, and whether it is
     baked.
     """
@@ -35,7 +35,7 @@ class CostTable(NamedTuple):
     """The cost of each case in an engine."""
 
     engine: str
-    costs: dict[Case, Cost]
+    costs: dict[BuildCase, Cost]
 
 
 def keep_costs(settings: bpy.types.PropertyGroup, table: CostTable) -> None:
@@ -47,5 +47,5 @@ def costs_of(settings: bpy.types.PropertyGroup) -> CostTable | None:
     """Return the table that `keep_costs` has kept in the settings, or None."""
     with suppress(ValueError, TypeError):  # a script may have put anything there
         engine, rows = json.loads(settings.estimate)
-        return CostTable(engine, {Case(*case): Cost(*cost) for case, cost in rows})
+        return CostTable(engine, {BuildCase(*case): Cost(*cost) for case, cost in rows})
     return None

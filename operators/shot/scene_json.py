@@ -16,8 +16,8 @@ from ...crowd_lod.behavior.walk import walks_of
 from ...crowd_lod.format import printable
 from ...crowd_lod.levels.budget_fit import Budget
 from ...crowd_lod.messages import from_json
+from ...crowd_lod.output import tables
 from ...crowd_lod.progress import run_in_thread
-from ...crowd_lod.reporting import tables
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import cameras, scene_data
 from ..lod_meshes.make_lods import TINTS

@@ -13,11 +13,11 @@ from ...crowd_lod.format import counted, number, printable
 from ...crowd_lod.frame.planned import PINNED, camera_of
 from ...crowd_lod.levels.assignment import deviations
 from ...crowd_lod.levels.budget_fit import Budget
+from ...crowd_lod.output import files, tables
+from ...crowd_lod.output.shot_json import shot_facts
+from ...crowd_lod.output.shot_page import shot_page
+from ...crowd_lod.output.shot_report import ShotReport
 from ...crowd_lod.progress import Workload, run_in_thread, run_steps_in_thread
-from ...crowd_lod.reporting import files, tables
-from ...crowd_lod.reporting.shot_json import shot_facts
-from ...crowd_lod.reporting.shot_page import shot_page
-from ...crowd_lod.reporting.shot_report import ShotReport
 from ...crowd_lod.shot import plan_file
 from ...crowd_lod.shot.budget import BudgetPlan, decide_within
 from ...crowd_lod.shot.budget_points import BudgetPoint, budget_sentence, find_points, fitting_point
@@ -34,7 +34,7 @@ from ...crowd_lod.shot.verdict import verdict_of
 from ..blender import cameras, scene_data
 from ..blender.operator import Reporting, Stepwise
 from ..blender.output_folders import full_path, output_path, place_of
-from ..characters import cast_provenance
+from ..characters import character_provenance
 from ..characters.group_measuring import measuring_groups
 from ..characters.holdings import holdings_of
 from ..characters.stored_groups import groups_of, store_groups
@@ -43,9 +43,8 @@ from ..lod_meshes.costs import lacking_seconds
 from ..lod_meshes.deviation import measure_levels
 from ..lod_meshes.level_objects import TINTS
 from ..lod_meshes.make_lods import make_levels
-from ..render_setup.render_setup import check_levels
 from ..scene import shot_reference
-from ..scene.scene_crowd import SceneCrowd, characters_of, policy_of, read_crowd
+from ..scene.scene_crowd import SceneCrowd, characters_of, check_levels, policy_of, read_crowd
 from ..scene.shot_overrides import overrides_of
 from ..settings import needs
 from ..settings.budgets import budget_of, possible_budgets
@@ -111,7 +110,7 @@ def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, 
     making = lacking_seconds(scene)
     planning = plan_seconds(scene, request.frames)
     work = Workload(making + planning)
-    yield from work.take(cast_provenance.reading_afresh(scene))
+    yield from work.take(character_provenance.reading_afresh(scene))
     crowd = yield from work.take(ready(scene), making)
     return (yield from work.take(_plan_ready(crowd, request), planning))
 
@@ -123,8 +122,8 @@ def _plan_ready(crowd: SceneCrowd, request: PlanRequest) -> Generator[float, Non
     trajectory = crowd.trajectory
     tolerance = crowd.policy.tolerance
     overrides = overrides_of(crowd, request.frames)
-    yield from work.take(cast_provenance.reading(crowd.scene))
-    made_for = shot_reference.plan_inputs(crowd) | request_parts(
+    yield from work.take(character_provenance.reading(crowd.scene))
+    made_of = shot_reference.plan_inputs(crowd) | request_parts(
         crowd.scene, request.frames, request.pop_reduction, request.budget
     )
     through = yield from work.take(survey_of(crowd, request.frames), SURVEY)
@@ -149,7 +148,7 @@ def _plan_ready(crowd: SceneCrowd, request: PlanRequest) -> Generator[float, Non
         numbers=survey.numbers,
         times=survey.times,
         cameras=through.cameras,
-        made_for=made_for,
+        made_of=made_of,
         tolerance=max(plan.tolerance, tolerance or 0.0) or None,
         phases=phases.phases,
         cast=(yield from work.take(needed)),
@@ -160,14 +159,14 @@ def _plan_ready(crowd: SceneCrowd, request: PlanRequest) -> Generator[float, Non
 
 def _shot_of(crowd: SceneCrowd, survey: Survey) -> Generator[float, None, Shot]:
     """Read the shot of the crowd that was surveyed; yields the progress, returns the Shot."""
-    cast = yield from holdings_of(crowd.characters, crowd.trajectory, crowd.library)
+    holdings = yield from holdings_of(crowd.characters, crowd.trajectory, crowd.cast)
     is_used = yield from run_in_thread(lambda: seen_characters(survey))
     return Shot(
         survey,
         meshes_of(crowd.groups_in_meters, crowd.policy.count),
         scene_data.costs_of(crowd.scene),
-        cast.baked(survey.numbers, crowd.trajectory, crowd.library, is_used),
-        cast.moved_as,
+        holdings.baked(survey.numbers, crowd.trajectory, crowd.cast, is_used),
+        holdings.moved_as,
     )
 
 

@@ -13,12 +13,11 @@ from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import numbers_of
 from ...crowd_lod.progress import Workload, run_in_thread
-from ...crowd_lod.shot.recording import Recorder, Recording, begin_recording
+from ...crowd_lod.shot.recording import FrameRecorder, SurveyRecording, begin_recording
 from ...crowd_lod.shot.shot_cost import meshes_of
 from ...crowd_lod.shot.survey import Survey
 from ..blender import cameras, frame_stepping, scene_data
 from ..characters.rig_needs import leads
-from ..render_setup.cost_estimate import covered
 from ..scene import lights
 from ..scene.frame_plan import frame_by_policy
 from ..scene.scene_crowd import SceneCrowd, read_crowd
@@ -59,7 +58,7 @@ def survey_of(crowd: SceneCrowd, frames: Sequence[int]) -> Generator[float, None
     before: Frame | None = None
     took = Counter()
     work = Workload((WALK + PLAN + RECORD) * len(frames))
-    with frame_stepping.step_frames(scene) as at, Recorder(recording) as recorder:
+    with frame_stepping.step_frames(scene) as at, FrameRecorder(recording) as recorder:
         for f, time in enumerate(times):
             yield from work.take(approach(crowd.trajectory, time), WALK)
             moment = lights.read_moment(scene, time, at)
@@ -70,7 +69,7 @@ def survey_of(crowd: SceneCrowd, frames: Sequence[int]) -> Generator[float, None
             frame = yield from work.take(planned)
             film = cameras.bound_camera(scene, time)
             cut = f > 0 and film != cameras.bound_camera(scene, times[f - 1])
-            samples = scene_data.samples_of(scene) * covered(frame)
+            samples = scene_data.samples_of(scene) * frame.covered()
             recorder.add(frame, before, samples, cut)
             views.append(numbers_of(moment.eyes))
             took.update(frame.milliseconds)
@@ -88,18 +87,18 @@ def survey_of(crowd: SceneCrowd, frames: Sequence[int]) -> Generator[float, None
     return SurveyedShot(survey, np.array(views), milliseconds, moment.around.left_out)
 
 
-def _begin(crowd: SceneCrowd, frames: Sequence[int], times: Sequence[float]) -> Recording:
+def _begin(crowd: SceneCrowd, frames: Sequence[int], times: Sequence[float]) -> SurveyRecording:
     trajectory = crowd.trajectory
-    library = crowd.library
+    cast = crowd.cast
     lead = leads(crowd.characters, trajectory.groups)
-    moved_as = library.moved_as(trajectory.gaits, lead)
+    moved_as = cast.moved_as(trajectory.gaits, lead)
     recording = begin_recording(
         frames,
         times,
         trajectory.start.group,
-        library.first(trajectory.gaits),
-        library,
-        library.roles(trajectory.gaits, moved_as),
+        cast.first(trajectory.gaits),
+        cast,
+        cast.roles(trajectory.gaits, moved_as),
     )
     recording.meters = scene_data.meters(crowd.scene)
     return recording

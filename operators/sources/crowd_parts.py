@@ -7,13 +7,12 @@ import bpy
 
 from ...crowd_lod.errors import CrowdError
 from ..blender import provenance
-from ..characters.cast_provenance import MOTION, motions
+from ..characters.character_provenance import MOTION, motions
 from ..characters.characters import all_characters
 from ..machine.terrain_source import terrain_digest
 from .crowd_sources import crowds_of
 from .spawn_source import places_digest
 
-MADE_OF = "crowd_lod_crowd_made_of"  # custom property of the scene
 GROUPS = "the character groups"
 
 
@@ -34,22 +33,22 @@ def measured_parts(scene: bpy.types.Scene) -> dict[str, str]:
 
 def crowd_made_of(scene: bpy.types.Scene) -> dict[str, str]:
     """Return what the scene's crowd was made of: the groups are those that it has."""
-    return provenance.read_inputs(scene, MADE_OF) | {GROUPS: _list_groups(scene.crowd_lod.groups)}
+    return provenance.read_inputs(scene) | {GROUPS: _list_groups(scene.crowd_lod.groups)}
 
 
 def note_crowd(scene: bpy.types.Scene, parts: Mapping[str, str]) -> None:
     """Keep what the crowd was made of: crowd_parts, as Populate began."""
-    provenance.keep(scene, MADE_OF, parts)
+    provenance.keep(scene, parts)
 
 
 def note_measured(scene: bpy.types.Scene, parts: Mapping[str, str]) -> None:
     """Keep what the groups were measured of, measured_parts; the ground is as Populate read it."""
     ground = {
         name: digest
-        for name, digest in provenance.read_inputs(scene, MADE_OF).items()
+        for name, digest in provenance.read_inputs(scene).items()
         if not name.startswith(MOTION)
     }
-    provenance.keep(scene, MADE_OF, ground | dict(parts))
+    provenance.keep(scene, ground | dict(parts))
 
 
 def _list_groups(groups: Iterable) -> str:

@@ -8,12 +8,9 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.behavior.walk import Walk
-from ...crowd_lod.crowd import spawn_places
-from ...crowd_lod.crowd.agents import Crowd, Draw, Group, populate
+from ...crowd_lod.crowd.agents import Crowd, Draw, Group
 from ...crowd_lod.crowd.bounding_spheres import cover_sizes, cover_wardrobes
-from ...crowd_lod.crowd.maps import LabelMap
 from ...crowd_lod.crowd.state_machine import StateMachine
-from ...crowd_lod.crowd.terrain import Ground, Terrain
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.messages import Message, MessageKind
 from ...crowd_lod.progress import Workload, run_in_thread
@@ -21,7 +18,11 @@ from ...crowd_lod.sources.dressed import Dressed
 from ...crowd_lod.sources.recorded import Recorded
 from ...crowd_lod.sources.several import Several
 from ...crowd_lod.sources.trajectory import Trajectory
-from ...crowd_lod.tracks.cast import groups_of_agents
+from ...crowd_lod.tracks.group_choice import groups_of_agents
+from ...crowd_lod.world import spawn_places
+from ...crowd_lod.world.first_frame import populate
+from ...crowd_lod.world.maps import LabelMap
+from ...crowd_lod.world.terrain import Ground, Terrain
 from ..blender import image_data, scene_cache, scene_data, stored_values
 from ..machine import terrain_source
 from ..machine.scene_world import area_of, heights_of, machine_of, names_in, world_of
@@ -323,7 +324,7 @@ def _recorded(crowd, groups: tuple[Group, ...], seconds: float) -> Trajectory:
 def _start(crowd, machine: StateMachine, world: LabelMap, groups: Draw) -> tuple[Crowd, bool]:
     """Return the crowd's first frame, and whether all stay at their places.
 
-    CrowdError if there is no place where agents who walk may start.
+    CrowdError if there is no place where agents who walk may spawn.
     """
     places = spawn_source.places_of(crowd, world.area)
     if places is None:

@@ -16,9 +16,9 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ...crowd_lod.crowd.maps import LabelMap
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.progress import Workload
+from ...crowd_lod.world.maps import LabelMap
 
 # JuPedSim needs only these to simulate; its wheel also requires Qt and VTK, 1.2 GB, for a viewer.
 PACKAGES = "jupedsim shapely deprecated wrapt"

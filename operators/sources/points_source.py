@@ -4,10 +4,10 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.crowd.agents import MOST_AGENTS, Draw, Group
-from ...crowd_lod.crowd.maps import FARTHEST
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
 from ...crowd_lod.sources.points import Points, Snapshot, draw_for
+from ...crowd_lod.world.maps import FARTHEST
 from ..blender import scene_data
 
 WHOLE = "INT", "INT8"  # types of attributes

@@ -13,8 +13,8 @@ import numpy as np
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
+from ...crowd_lod.output import files
 from ...crowd_lod.progress import Made, Workload
-from ...crowd_lod.reporting import files
 from ...crowd_lod.sources.points import Snapshot
 from ...crowd_lod.tracks import npz
 from ...crowd_lod.tracks.rows import MOST_ROWS, Rows
@@ -42,7 +42,7 @@ RECORDED = 0.3  # part of the time of work on a record that the record takes
 
 
 @dataclass
-class _Record:
+class _PointsRecord:
     """A record of a scene's points that several tasks use, one after the other.
 
     frames: of the timeline, that the tasks need besides those of the scene.
@@ -61,7 +61,7 @@ class _Record:
         return self.of == about and all(min(ends) <= frame <= max(ends) for frame in frames)
 
 
-_shared: dict[int, _Record] = {}  # by the session_uid of its scene
+_shared: dict[int, _PointsRecord] = {}  # by the session_uid of its scene
 
 
 @contextmanager
@@ -77,7 +77,7 @@ def shared_record(scene: bpy.types.Scene, frames: Sequence[int] = ()) -> Iterato
         return
     with tempfile.TemporaryDirectory() as folder:
         uid = scene.session_uid
-        _shared[uid] = _Record(Path(folder), frames)
+        _shared[uid] = _PointsRecord(Path(folder), frames)
         try:
             yield
         finally:
@@ -167,11 +167,11 @@ def record_crowds(
     used: then the crowds are as before.
     """
     crowds = [crowd for crowd in crowds_of(scene.crowd_lod) if is_live(crowd)]
-    cast = all_characters(scene)
+    members = all_characters(scene)
     # of groups nothing else counts here
     groups = tuple(
         Group(member.name, 0.0, 0.0, 0.0, 0.0, variant_of=member.variant_of, slot=member.slot)
-        for member in cast
+        for member in members
     )
     ends = scene.frame_start, scene.frame_end, *frames
     since, until = (scene_data.remap(scene.render, frame) for frame in (min(ends), max(ends)))

@@ -7,13 +7,13 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ...crowd_lod.crowd.agents import check_counts
-from ...crowd_lod.crowd.cross_section import section
-from ...crowd_lod.crowd.maps import Area, LabelMap
 from ...crowd_lod.crowd.state_machine import StateMachine
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, number, printable
-from ...crowd_lod.reporting import files
+from ...crowd_lod.output import files
+from ...crowd_lod.world.first_frame import check_counts
+from ...crowd_lod.world.maps import Area, LabelMap
+from ...crowd_lod.world.rasterize import section
 from ..blender import mesh_data, scene_data, stored_values
 from ..blender.labeled_properties import IntProperty
 from ..blender.operator import Stepwise

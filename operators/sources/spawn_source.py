@@ -6,10 +6,10 @@ from functools import partial
 import bpy
 import numpy as np
 
-from ...crowd_lod.crowd import spawn_places
-from ...crowd_lod.crowd.maps import Area
-from ...crowd_lod.crowd.spawn_places import Places, Spacing
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.world import spawn_places
+from ...crowd_lod.world.maps import Area
+from ...crowd_lod.world.spawn_places import Places, Spacing
 from ..blender import (
     image_data,
     kept_meshes,

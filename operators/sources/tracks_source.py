@@ -4,12 +4,12 @@ import os
 from collections.abc import Generator
 from pathlib import Path
 
-from ...crowd_lod.crowd.maps import FARTHEST
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
 from ...crowd_lod.progress import Workload, run_in_thread
 from ...crowd_lod.tracks.reading import content_of, read_tracks
 from ...crowd_lod.tracks.tracks import Tracks
+from ...crowd_lod.world.maps import FARTHEST
 from ..blender import scene_cache, scene_data
 from ..blender.output_folders import full_path
 

@@ -49,7 +49,7 @@ class CROWDLOD_OT_add_area(Reporting, bpy.types.Operator):
         return f"{', '.join(item.name for item in items)}: {label}; {lie} under areas."
 
 
-class _Area:
+class _OfAreas:
     """What the buttons of the list share."""
 
     kind = "area"
@@ -63,14 +63,14 @@ class _Area:
         map_areas.follow_soon(scene)
 
 
-class CROWDLOD_OT_remove_area(_Area, Removing, bpy.types.Operator):
+class CROWDLOD_OT_remove_area(_OfAreas, Removing, bpy.types.Operator):
     """Remove the selected area; the map is then as it was painted there"""
 
     bl_idname = "crowd_lod.remove_area"
     bl_label = "Remove Wall or Area"
 
 
-class CROWDLOD_OT_move_area(_Area, Moving, bpy.types.Operator):
+class CROWDLOD_OT_move_area(_OfAreas, Moving, bpy.types.Operator):
     """Move the selected area: of two at the same place, the lower one counts"""
 
     bl_idname = "crowd_lod.move_area"

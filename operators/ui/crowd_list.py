@@ -8,7 +8,7 @@ from ..sources.jupedsim_run import has_jupedsim
 from ..sources.tracks_source import notes_on_frames
 from .drawing import active_column, button, label
 from .settings_list import Removing, draw_list
-from .step_panel import Step
+from .step_panel import StepPanel
 
 # who moves the agents of a source that has neither label map nor state machine
 MOVERS = {"FILE": "The file moves the agents", "POINTS": "The object moves the agents"}
@@ -63,7 +63,7 @@ class CROWDLOD_OT_remove_crowd(Removing, bpy.types.Operator):
     needs = (needs.further_crowds,)
 
 
-class CROWDLOD_PT_crowds(Step, bpy.types.Panel):
+class CROWDLOD_PT_crowds(StepPanel, bpy.types.Panel):
     bl_label = "Further Crowds"
     bl_parent_id = "CROWDLOD_PT_crowd"
 
@@ -78,7 +78,7 @@ class CROWDLOD_PT_crowds(Step, bpy.types.Panel):
             layout.prop(crowd, "group_names")
 
 
-class _OfCrowd(Step):
+class _OfCrowd(StepPanel):
     """A sub-panel of the selected further crowd; `crowd(layout, crowd, index)` draws it."""
 
     bl_parent_id = "CROWDLOD_PT_crowds"

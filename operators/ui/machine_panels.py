@@ -24,7 +24,7 @@ from ..overlay import viewport_overlay
 from .area_list import draw_areas
 from .crowd_list import MOVERS
 from .drawing import active_column, label, letters_of, paragraph
-from .step_panel import Step
+from .step_panel import StepPanel
 from .swatches import swatch
 
 MOST_LETTERS = 180  # of a mistake's description; Populate shows all of it
@@ -156,7 +156,7 @@ def _mover(layout, settings) -> None:
         label(layout, MOVERS[settings.source], "INFO")
 
 
-class _Editor(Step):
+class _Editor(StepPanel):
     bl_parent_id = "CROWDLOD_PT_behavior"
 
     def body(self, context, layout, settings) -> None:
@@ -293,7 +293,7 @@ class CROWDLOD_PT_labels(_Editor, bpy.types.Panel):
         )
 
 
-class CROWDLOD_PT_areas(Step, bpy.types.Panel):
+class CROWDLOD_PT_areas(StepPanel, bpy.types.Panel):
     bl_label = "Walls and Areas"
     bl_parent_id = "CROWDLOD_PT_behavior"
 

@@ -33,7 +33,7 @@ from .drawing import (
     table,
     wide,
 )
-from .step_panel import Sidebar, Step, help_button
+from .step_panel import Sidebar, StepPanel, help_button
 from .wardrobe_panel import CROWDLOD_PT_wardrobes
 
 
@@ -92,7 +92,7 @@ def _line(scene: bpy.types.Scene) -> str:
     )
 
 
-class CROWDLOD_PT_crowd(Step, bpy.types.Panel):
+class CROWDLOD_PT_crowd(StepPanel, bpy.types.Panel):
     bl_label = "Crowd"
     bl_options = set()
 
@@ -123,7 +123,7 @@ class CROWDLOD_PT_crowd(Step, bpy.types.Panel):
         button(layout, "crowd_lod.populate", icon="OUTLINER_OB_POINTCLOUD", following=following)
 
 
-class CROWDLOD_PT_groups(Step, bpy.types.Panel):
+class CROWDLOD_PT_groups(StepPanel, bpy.types.Panel):
     bl_label = "Character Groups"
     bl_parent_id = "CROWDLOD_PT_crowd"
 
@@ -142,7 +142,7 @@ class CROWDLOD_PT_groups(Step, bpy.types.Panel):
         layout.prop(settings, "group_names")
 
 
-class CROWDLOD_PT_crowd_advanced(Step, bpy.types.Panel):
+class CROWDLOD_PT_crowd_advanced(StepPanel, bpy.types.Panel):
     bl_label = "Advanced"
     bl_parent_id = "CROWDLOD_PT_crowd"
 
@@ -156,7 +156,7 @@ class CROWDLOD_PT_crowd_advanced(Step, bpy.types.Panel):
         button(layout, "crowd_lod.take_action", icon="ACTION")
 
 
-class CROWDLOD_PT_behavior(Step, bpy.types.Panel):
+class CROWDLOD_PT_behavior(StepPanel, bpy.types.Panel):
     bl_label = "Behavior"
 
     def body(self, context, layout, settings) -> None:
@@ -175,7 +175,7 @@ class CROWDLOD_PT_behavior(Step, bpy.types.Panel):
         label(layout, MOVERS.get(settings.source, about), "INFO")
 
 
-class CROWDLOD_PT_behavior_advanced(Step, bpy.types.Panel):
+class CROWDLOD_PT_behavior_advanced(StepPanel, bpy.types.Panel):
     bl_label = "Advanced"
     bl_parent_id = "CROWDLOD_PT_behavior"
 
@@ -183,7 +183,7 @@ class CROWDLOD_PT_behavior_advanced(Step, bpy.types.Panel):
         active_column(layout, settings.source != "POINTS").prop(settings, "first_frame")
 
 
-class CROWDLOD_PT_heights(Step, bpy.types.Panel):
+class CROWDLOD_PT_heights(StepPanel, bpy.types.Panel):
     bl_label = "Ground"
     bl_parent_id = "CROWDLOD_PT_behavior"
 
@@ -191,7 +191,7 @@ class CROWDLOD_PT_heights(Step, bpy.types.Panel):
         draw_ground(layout, settings)
 
 
-class CROWDLOD_PT_simulation(Step, bpy.types.Panel):
+class CROWDLOD_PT_simulation(StepPanel, bpy.types.Panel):
     bl_label = "Simulation"
     bl_parent_id = "CROWDLOD_PT_behavior"
 
@@ -203,7 +203,7 @@ class CROWDLOD_PT_simulation(Step, bpy.types.Panel):
         draw_simulation(layout, settings, 0)
 
 
-class CROWDLOD_PT_camera(Step, bpy.types.Panel):
+class CROWDLOD_PT_camera(StepPanel, bpy.types.Panel):
     bl_label = "Camera"
 
     def body(self, context, layout, settings) -> None:
@@ -212,7 +212,7 @@ class CROWDLOD_PT_camera(Step, bpy.types.Panel):
         active_column(layout, settings.shadows).prop(settings, "mirrors")
 
 
-class CROWDLOD_PT_culling(Step, bpy.types.Panel):
+class CROWDLOD_PT_culling(StepPanel, bpy.types.Panel):
     bl_label = "Advanced"
     bl_parent_id = "CROWDLOD_PT_camera"
 
@@ -225,7 +225,7 @@ class CROWDLOD_PT_culling(Step, bpy.types.Panel):
         active_column(layout, settings.occlusion).prop(settings, "occlusion_exclude")
 
 
-class CROWDLOD_PT_levels(Step, bpy.types.Panel):
+class CROWDLOD_PT_levels(StepPanel, bpy.types.Panel):
     bl_label = "LOD Meshes"
     main = ("crowd_lod.make_levels", "Make")
 
@@ -294,7 +294,7 @@ def _lods_of(group, without: str) -> str:
     )
 
 
-class CROWDLOD_PT_custom_thresholds(Step, bpy.types.Panel):
+class CROWDLOD_PT_custom_thresholds(StepPanel, bpy.types.Panel):
     bl_label = "Thresholds of Groups"
     bl_parent_id = "CROWDLOD_PT_levels"
 
@@ -317,7 +317,7 @@ class CROWDLOD_PT_custom_thresholds(Step, bpy.types.Panel):
                 row.prop(group, "thresholds", index=level, text="")
 
 
-class CROWDLOD_PT_decimation(Step, bpy.types.Panel):
+class CROWDLOD_PT_decimation(StepPanel, bpy.types.Panel):
     bl_label = "Advanced"
     bl_parent_id = "CROWDLOD_PT_levels"
 
@@ -326,7 +326,7 @@ class CROWDLOD_PT_decimation(Step, bpy.types.Panel):
         layout.prop(settings, "bias_image")
 
 
-class CROWDLOD_PT_overlay(Step, bpy.types.Panel):
+class CROWDLOD_PT_overlay(StepPanel, bpy.types.Panel):
     bl_label = "Overlay"
 
     def draw_header(self, context) -> None:

@@ -24,10 +24,10 @@ from ..usd.openusd import missing_openusd
 from . import steps
 from .drawing import active_column, button, label, letters_of, limit, paragraph, wide
 from .settings_list import draw_list
-from .step_panel import Step
+from .step_panel import StepPanel
 
 
-class CROWDLOD_PT_plan(Step, bpy.types.Panel):
+class CROWDLOD_PT_plan(StepPanel, bpy.types.Panel):
     bl_label = "Plan Shot"
     main = ("crowd_lod.plan_shot", "Plan")
 
@@ -75,7 +75,7 @@ def describe_hold(scene: bpy.types.Scene) -> tuple[str, str]:
     )
 
 
-class CROWDLOD_PT_budget(Step, bpy.types.Panel):
+class CROWDLOD_PT_budget(StepPanel, bpy.types.Panel):
     bl_label = "Budget"
     bl_parent_id = "CROWDLOD_PT_plan"
 
@@ -99,7 +99,7 @@ def _possible_budgets(context, layout, settings) -> None:
     )
 
 
-class CROWDLOD_PT_overrides(Step, bpy.types.Panel):
+class CROWDLOD_PT_overrides(StepPanel, bpy.types.Panel):
     bl_label = "Overrides"
     bl_parent_id = "CROWDLOD_PT_plan"
 
@@ -131,7 +131,7 @@ class CROWDLOD_PT_overrides(Step, bpy.types.Panel):
         frames.prop(entry, "last_frame")
 
 
-class CROWDLOD_PT_plan_output(Step, bpy.types.Panel):
+class CROWDLOD_PT_plan_output(StepPanel, bpy.types.Panel):
     bl_label = "Frames and Output"
     bl_parent_id = "CROWDLOD_PT_plan"
 
@@ -141,7 +141,7 @@ class CROWDLOD_PT_plan_output(Step, bpy.types.Panel):
         layout.prop(settings, "shot_plan")
 
 
-class CROWDLOD_PT_preview(Step, bpy.types.Panel):
+class CROWDLOD_PT_preview(StepPanel, bpy.types.Panel):
     bl_label = "Preview"
     main = ("crowd_lod.preview", "Preview")
 
@@ -151,7 +151,7 @@ class CROWDLOD_PT_preview(Step, bpy.types.Panel):
         _with_report(layout, "crowd_lod.preview", "RENDER_ANIMATION", "PREVIEW", "")
 
 
-class CROWDLOD_PT_build(Step, bpy.types.Panel):
+class CROWDLOD_PT_build(StepPanel, bpy.types.Panel):
     bl_label = "Build"
 
     def draw_header_preset(self, context) -> None:
@@ -185,7 +185,7 @@ class CROWDLOD_PT_build(Step, bpy.types.Panel):
                 row.operator("crowd_lod.use_texture_cache")
 
 
-class CROWDLOD_PT_build_advanced(Step, bpy.types.Panel):
+class CROWDLOD_PT_build_advanced(StepPanel, bpy.types.Panel):
     bl_label = "Advanced"
     bl_parent_id = "CROWDLOD_PT_build"
 
@@ -207,7 +207,7 @@ def _built(build: bpy.types.Collection | None) -> str:
         return str(error)
 
 
-class CROWDLOD_PT_cost(Step, bpy.types.Panel):
+class CROWDLOD_PT_cost(StepPanel, bpy.types.Panel):
     bl_label = "Cost"
     bl_parent_id = "CROWDLOD_PT_build"
 
@@ -233,7 +233,7 @@ class CROWDLOD_PT_cost(Step, bpy.types.Panel):
         label(row, time)
 
 
-class CROWDLOD_PT_view_layers(Step, bpy.types.Panel):
+class CROWDLOD_PT_view_layers(StepPanel, bpy.types.Panel):
     bl_label = "View Layers"
     bl_parent_id = "CROWDLOD_PT_build"
 
@@ -251,7 +251,7 @@ class CROWDLOD_PT_view_layers(Step, bpy.types.Panel):
         layout.operator("crowd_lod.add_aovs", icon="RENDERLAYERS")
 
 
-class CROWDLOD_PT_verify(Step, bpy.types.Panel):
+class CROWDLOD_PT_verify(StepPanel, bpy.types.Panel):
     bl_label = "Verify"
     main = ("crowd_lod.verify", "Verify")
 
@@ -263,7 +263,7 @@ class CROWDLOD_PT_verify(Step, bpy.types.Panel):
         row.operator("crowd_lod.show_proof", text="", icon="IMAGE_DATA")
 
 
-class CROWDLOD_PT_hand_over(Step, bpy.types.Panel):
+class CROWDLOD_PT_hand_over(StepPanel, bpy.types.Panel):
     bl_label = "Hand Over"
 
     def body(self, context, layout, settings) -> None:

@@ -14,7 +14,7 @@ class Sidebar:
     bl_translation_context = CONTEXT
 
 
-class Step(Sidebar):
+class StepPanel(Sidebar):
     """The panel of one step of the work; `body(context, layout, settings)` draws it.
 
     main: (operator, text) of the button in the panel's header; () for none.
@@ -31,7 +31,7 @@ class Step(Sidebar):
 
     def draw_help(self) -> None:
         """Draw, in a step's header, the button that shows the manual's part on it."""
-        if self.bl_parent_id == Step.bl_parent_id:
+        if self.bl_parent_id == StepPanel.bl_parent_id:
             help_button(self.layout, self.bl_label)
 
     def draw(self, context) -> None:

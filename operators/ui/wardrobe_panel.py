@@ -8,10 +8,10 @@ from ..characters.characters import groups_in
 from ..characters.wardrobe import EXCLUDES, NONE, SHARE, Owner, members_of, slots_in
 from ..characters.wardrobe_buttons import props_in
 from .drawing import MOST_ROWS, button, label, letters_of, paragraph
-from .step_panel import Step
+from .step_panel import StepPanel
 
 
-class CROWDLOD_PT_wardrobes(Step, bpy.types.Panel):
+class CROWDLOD_PT_wardrobes(StepPanel, bpy.types.Panel):
     bl_label = "Wardrobes"
     bl_parent_id = "CROWDLOD_PT_crowd"
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ...crowd_lod.animation.phase_classes import Library
+from ...crowd_lod.animation.phase_classes import Cast
 from ...crowd_lod.crowd.wardrobe import count_people
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
@@ -22,10 +22,10 @@ from ...crowd_lod.frame.instances import (
     rotations_of,
 )
 from ...crowd_lod.frame.planned import note_of, unplanned_notes
+from ...crowd_lod.output import files
 from ...crowd_lod.progress import Workload
-from ...crowd_lod.reporting import files
 from ..blender import frame_stepping, scene_data
-from ..characters.cast_provenance import reading
+from ..characters.character_provenance import reading
 from ..lod_meshes.costs import lacking_seconds
 from ..render_setup.frame_update import columns_of, held_by
 from ..scene import lights
@@ -35,7 +35,7 @@ from ..shot.shot_plan import ready
 from ..sources.record_points import on_record
 from .file import CrowdFile
 from .openusd import openusd
-from .prototypes import library_of_poses, names_of, write_prototypes
+from .prototypes import cast_of_poses, names_of, write_prototypes
 from .shot_camera import FilmedFrame, film_frame, write_camera
 
 ENDINGS = (".usdc", ".usda", ".usd")
@@ -110,24 +110,24 @@ def export_usd(scene: bpy.types.Scene, request: UsdExport) -> Generator[float, N
         work = Workload(making + (PLANNED + WRITTEN) * count)
         crowd = yield from work.take(ready(scene), making)
         trajectory = crowd.trajectory
-        library = library_of_poses(crowd, POSES, request.animated)
-        planning = _plan_frames(crowd, request, library)
+        cast = cast_of_poses(crowd, POSES, request.animated)
+        planning = _plan_frames(crowd, request, cast)
         plans, films, unplanned = yield from work.take(planning, PLANNED * count)
-        cast = instances_of([*plans.values()])
+        instances = instances_of([*plans.values()])
         with CrowdFile(
-            usd, scene, path, hidden, (cast, names_of(trajectory, library, cast.prototypes))
+            usd, scene, path, hidden, (instances, names_of(trajectory, cast, instances.prototypes))
         ) as file:
             seconds = [
                 trajectory.seconds(scene_data.remap(scene.render, frame))
                 for frame in request.frames
             ]
             posing = write_prototypes(
-                crowd, library, cast.prototypes, (request.frames, seconds), file.mesh
+                crowd, cast, instances.prototypes, (request.frames, seconds), file.mesh
             )
-            posed = POSED * len(cast.prototypes)
+            posed = POSED * len(instances.prototypes)
             work.announce(posed + WRITTEN * count)
             yield from work.take(posing, posed)
-            writing = _instances(crowd, (library, cast), plans, file)
+            writing = _instances(crowd, (cast, instances), plans, file)
             yield from work.take(writing, WRITTEN * count)
             if films:
                 write_camera(usd, file.stage, file.CAMERA, scene, films)
@@ -142,9 +142,9 @@ def export_usd(scene: bpy.types.Scene, request: UsdExport) -> Generator[float, N
     if len(films) < len(request.frames):
         notes.append("USD has no panoramic cameras: the file has none for them.")
     return ExportResult(
-        len(cast.agents),
-        int(np.count_nonzero(cast.agents >= len(trajectory.bare.start))),
-        len(cast.prototypes),
+        len(instances.agents),
+        int(np.count_nonzero(instances.agents >= len(trajectory.bare.start))),
+        len(instances.prototypes),
         off,
         tuple(notes),
         unplanned_notes(unplanned),
@@ -152,7 +152,7 @@ def export_usd(scene: bpy.types.Scene, request: UsdExport) -> Generator[float, N
 
 
 def _plan_frames(
-    crowd: SceneCrowd, request: UsdExport, library: Library
+    crowd: SceneCrowd, request: UsdExport, cast: Cast
 ) -> Generator[
     float, None, tuple[dict[int, FrameInstances], dict[int, FilmedFrame], list[tuple[int, str]]]
 ]:
@@ -174,7 +174,7 @@ def _plan_frames(
             yield from work.take(reading(scene))
             frame = frame_of(crowd.at_present_frame(), moment)
             unplanned.append(note_of(number, frame.unplanned, request.strict))
-            plans[number] = instances_of_frame(frame, library)
+            plans[number] = instances_of_frame(frame, cast)
             films[number] = film_frame(scene, time, at((), time))
             yield work.did(1)
     if not any(len(plan.agents) for plan in plans.values()):
@@ -186,15 +186,15 @@ def _plan_frames(
 
 def _instances(
     crowd: SceneCrowd,
-    cast: tuple[Library, Instances],
+    shown: tuple[Cast, Instances],
     plans: dict[int, FrameInstances],
     file: CrowdFile,
 ) -> Generator[float, None, None]:
-    """Write where the agents of `cast` are in each frame."""
+    """Write where the agents that are shown are in each frame."""
     scene = crowd.scene
     trajectory = crowd.trajectory
-    library, instances = cast
-    agents = cast[1].agents
+    cast, instances = shown
+    agents = instances.agents
     turn = float(scene_data.rotation(scene.crowd_lod.forward))
     speed = scene_data.frame_rate(scene)
     work = Workload(10 * len(plans))
@@ -202,14 +202,14 @@ def _instances(
         time = scene_data.remap(scene.render, number)
         yield from work.take(approach(trajectory, time), 9)
         crowd_held = held_by(crowd, number, trajectory.at(time))
-        columns = columns_of(trajectory, crowd_held.crowd, crowd_held, agents, library)
+        columns = columns_of(trajectory, crowd_held.crowd, crowd_held, agents, cast)
         level = np.zeros(len(agents), np.float32)
         lean = [columns.get(name, level) for name in ("pitch", "roll")]
         prototype, hidden = instances.at(plan)
         velocity = None
         for part, agents_then in crowd_held.ends:
             if part:  # the later one counts
-                then = columns_of(trajectory, agents_then, crowd_held, agents, library)["position"]
+                then = columns_of(trajectory, agents_then, crowd_held, agents, cast)["position"]
                 velocity = (then - columns["position"]) * np.float32(speed / part)
         file.agents(
             number,

@@ -7,7 +7,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ...crowd_lod.animation.phase_classes import Library
+from ...crowd_lod.animation.phase_classes import Cast
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.progress import Workload
 from ...crowd_lod.sources.trajectory import Trajectory
@@ -42,8 +42,8 @@ class Form:
     mirrored: bool
 
 
-def library_of_poses(crowd: SceneCrowd, poses: int, animated: bool) -> Library:
-    """Return the Library of the prototypes of the crowd.
+def cast_of_poses(crowd: SceneCrowd, poses: int, animated: bool) -> Cast:
+    """Return the Cast of the prototypes of the crowd.
 
     poses: even phases of each action in which a group is posed, unless it does not move.
     animated: a character for each of a group's phase classes instead.
@@ -56,12 +56,12 @@ def library_of_poses(crowd: SceneCrowd, poses: int, animated: bool) -> Library:
         performance = group_performance(group, objects)
         still = all(performance.only(action).still for action in played)
         posed.append(1 if still else 0 if animated else poses)
-    return Library(np.array(posed, np.intp))
+    return Cast(np.array(posed, np.intp))
 
 
-def names_of(trajectory: Trajectory, library: Library, prototypes: np.ndarray) -> list[str]:
+def names_of(trajectory: Trajectory, cast: Cast, prototypes: np.ndarray) -> list[str]:
     """Return a name for each of `prototypes`: its number, group and LOD."""
-    first = library.first(trajectory.gaits)
+    first = cast.first(trajectory.gaits)
     levels, numbers = np.divmod(prototypes, int(first[-1]))
     groups = [trajectory.groups[g].name for g in np.searchsorted(first, numbers, side="right") - 1]
     return [
@@ -76,7 +76,7 @@ Write = Callable[[int, str, Form, float | None], None]
 
 def write_prototypes(
     crowd: SceneCrowd,
-    library: Library,
+    cast: Cast,
     prototype_numbers: np.ndarray,
     times: tuple[Sequence[int], Sequence[float]],
     write: Write,
@@ -89,7 +89,7 @@ def write_prototypes(
     """
     trajectory = crowd.trajectory
     levels = crowd.settings.levels.children[: crowd.policy.count]
-    first = library.first(trajectory.gaits)
+    first = cast.first(trajectory.gaits)
     work = Workload(len(np.unique(prototype_numbers % first[-1])))
     for g, (name, objects, _) in enumerate(crowd.characters):
         mine = prototype_numbers[
@@ -105,7 +105,7 @@ def write_prototypes(
             for number in numbers.tolist():
                 prototypes = mine[mine % first[-1] == number].tolist()
                 act, moments = _moments(
-                    performance, trajectory, library, (g, number - int(first[g])), times
+                    performance, trajectory, cast, (g, number - int(first[g])), times
                 )
                 for frame, moment in moments:
                     with act:
@@ -127,7 +127,7 @@ def write_prototypes(
 def _moments(
     performance: Performance,
     trajectory: Trajectory,
-    library: Library,
+    cast: Cast,
     prototype: tuple[int, int],
     times: tuple,
 ) -> tuple[Performance, list[tuple[float | None, float]]]:
@@ -138,9 +138,9 @@ def _moments(
     """
     gaits = trajectory.gaits
     g, number = prototype
-    if library.posed[g]:
-        action, pose = divmod(number, int(library.posed[g]))
-        phases = [(None, pose / int(library.posed[g]))]
+    if cast.posed[g]:
+        action, pose = divmod(number, int(cast.posed[g]))
+        phases = [(None, pose / int(cast.posed[g]))]
     else:
         which, phase_class = divmod(number, gaits.classes)
         action, rate = gaits.plays[g][which]

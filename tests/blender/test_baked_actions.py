@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.render_setup.baked_actions import trim_actions
-from crowd_lod_extension.operators.render_setup.phase_characters import make_cast
+from crowd_lod_extension.operators.render_setup.phase_characters import make_characters
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 
 
 @pytest.fixture
 def rigs(levelled):
     """Some rigs of the small crowd, linked, so that Blender poses them."""
-    found = finished(make_cast(read_crowd(levelled))).rigs[::7]
+    found = finished(make_characters(read_crowd(levelled))).rigs[::7]
     for rig in found:
         levelled.collection.objects.link(rig)
     assert found

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.blender import collection_caches, scene_data
+from crowd_lod_extension.operators.blender import collection_caches, provenance, scene_data
 from crowd_lod_extension.operators.characters.group_measuring import measure_groups
 from crowd_lod_extension.operators.characters.stored_groups import groups_of, store_groups
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
@@ -19,7 +19,7 @@ from crowd_lod_extension.operators.render_setup.bake import bake
 from crowd_lod_extension.operators.render_setup.buttons import prepared
 from crowd_lod_extension.operators.render_setup.nodes import trees
 from crowd_lod_extension.operators.render_setup.nodes.instances import NAME
-from crowd_lod_extension.operators.render_setup.shelves import LIBRARY, RIGS
+from crowd_lod_extension.operators.render_setup.shelves import RIGS, SHELF, shelves_in
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 
 
@@ -72,7 +72,7 @@ def test_what_undo_loses_of_a_build_is_put_back_and_nothing_else(built):
 
     before = contents()
     shelf = next(
-        each for each in built.crowd_lod.build.children_recursive if each.get(LIBRARY, -1) >= 0
+        each for each in built.crowd_lod.build.children_recursive if each.get(SHELF, -1) >= 0
     )
     rigs = next(each for each in built.crowd_lod.build.children_recursive if RIGS in each)
     lost, home = list(shelf.children)[:2]
@@ -200,7 +200,7 @@ def test_a_level_more_or_less_adds_or_takes_its_points_and_poses(built):
 
 
 def test_other_poses_take_over_collections_but_not_what_the_user_put_there(built):
-    shelf = next(c for c in built.crowd_lod.build.children_recursive if c.get(LIBRARY) == 0)
+    shelf = next(c for c in built.crowd_lod.build.children_recursive if c.get(SHELF) == 0)
     before = list(shelf.children)
     mine = bpy.data.objects.new("mine", None)
     before[3].objects.link(mine)
@@ -334,7 +334,7 @@ def test_a_build_that_is_stopped_at_its_end_leaves_the_one_before(built):
     top = built.crowd_lod.build
 
     def rebuilding():
-        del top[render_setup.MADE_OF]  # else its characters would stay anyway
+        del shelves_in(top)[provenance.MADE_OF]  # else its characters would stay anyway
         return prepared(built, render_setup.build)
 
     ends = [progress for progress in rebuilding() if progress == 1.0]
@@ -383,7 +383,7 @@ SPOILT = {
     ),
     "poses as a text": (lambda top: top, render_setup.POSED, "x"),
     "too few poses": (lambda top: top, render_setup.POSED, [8]),
-    "a shelf as a list": (lambda top: top.children[0].children[1], LIBRARY, [1, 2]),
+    "a shelf as a list": (lambda top: top.children[0].children[1], SHELF, [1, 2]),
     "baked by three numbers": (lambda top: top, render_setup.BAKED, [1.0, 2.0, 3.0]),
 }
 

@@ -10,7 +10,7 @@ import pytest
 from crowd_lod_extension.operators.blender import sidebar_answers
 from crowd_lod_extension.operators.blender.references import closure_of
 from crowd_lod_extension.operators.blender.scene_data import set_node_input
-from crowd_lod_extension.operators.characters import cast_provenance
+from crowd_lod_extension.operators.characters import character_provenance
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.freshness.artifacts import to_make_again
 from crowd_lod_extension.operators.overlay import character_cache
@@ -287,7 +287,7 @@ def test_the_command_scene_keeps_all_that_a_character_is_made_of(small_shot, tmp
     character(*items)
     path, tracks, out = (tmp_path / name for name in ("people.blend", "tracks.txt", "shot.blend"))
     tracks.write_text("# framerate: 25 fps\n# id frame x/m y/m\n1 1 0 0\n1 2 0.05 0\n")
-    before = cast_provenance.of_characters(cast_provenance.cast_inputs(small_shot))
+    before = character_provenance.of_characters(character_provenance.character_inputs(small_shot))
     bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
     assert (
         commands.run_command(
@@ -297,7 +297,10 @@ def test_the_command_scene_keeps_all_that_a_character_is_made_of(small_shot, tmp
         == 0
     )
     bpy.ops.wm.open_mainfile(filepath=str(out), load_ui=False)
-    assert cast_provenance.of_characters(cast_provenance.cast_inputs(bpy.context.scene)) == before
+    assert (
+        character_provenance.of_characters(character_provenance.character_inputs(bpy.context.scene))
+        == before
+    )
 
 
 def test_neither_the_scene_nor_what_a_lamp_shines_on_is_part_of_a_character(small_shot):

@@ -12,7 +12,7 @@ from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.render_setup.buttons import bake_frames, build_live
 from crowd_lod_extension.operators.render_setup.character_images import IMAGE_BYTES
 from crowd_lod_extension.operators.render_setup.cost_estimate import CACHED, estimate
-from crowd_lod_extension.operators.settings.cost_table import Case
+from crowd_lod_extension.operators.settings.cost_table import BuildCase
 
 from ..support.characters import character, new, painted, rig, skin, tube
 
@@ -103,7 +103,7 @@ def from_file(crowd, folder):
 
 def image_memory(crowd):
     """The (bytes, number) of images that a build is said to load in full, by ratio."""
-    work = finished(estimate(crowd, [1])).works[Case("BY_DISTANCE")]
+    work = finished(estimate(crowd, [1])).works[BuildCase("BY_DISTANCE")]
     return work.images, work.image_count
 
 

@@ -10,8 +10,8 @@ from crowd_lod_extension.operators.characters.rig_needs import POSES
 from crowd_lod_extension.operators.characters.stored_groups import store_groups
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.render_setup import render_setup
-from crowd_lod_extension.operators.render_setup.phase_characters import make_cast
-from crowd_lod_extension.operators.render_setup.shelves import LIBRARY
+from crowd_lod_extension.operators.render_setup.phase_characters import make_characters
+from crowd_lod_extension.operators.render_setup.shelves import SHELF
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 
 
@@ -33,7 +33,7 @@ def props(scene, *objects):
     store_groups(scene.crowd_lod, measure_groups(scene))
     list(make_levels(scene))
     list(render_setup.build(read_crowd(scene)))
-    shelf = next(c for c in scene.crowd_lod.build.children_recursive if c.get(LIBRARY) == 0)
+    shelf = next(c for c in scene.crowd_lod.build.children_recursive if c.get(SHELF) == 0)
     assert not any(
         any(home.instance_offset) for home in shelf.children
     )  # geometry nodes would not heed it
@@ -100,8 +100,8 @@ def test_why_a_character_is_posed_is_said(scene, why):
         ball.vertex_groups.new(name="bone").add(range(40), 1.0, "REPLACE")
         ball.modifiers.new("rig", "ARMATURE").object = rig
     props(scene, ball)
-    cast = finished(make_cast(read_crowd(scene)))
-    said = render_setup.notes_on_cast(read_crowd(scene), cast)
+    cast = finished(make_characters(read_crowd(scene)))
+    said = render_setup.notes_on_built(read_crowd(scene), cast)
     assert list(cast.posed) == [POSES] and why in said.lower()
     assert "each of which stands for 0.75 frames (0.0312 s) of its action" in said
     bpy.data.batch_remove(list(cast.names))
@@ -132,7 +132,7 @@ def test_bones_that_shear_are_shown_as_near_as_can_be_and_it_is_said(scene):
     ball.vertex_groups.new(name="tip").add(range(len(ball.data.vertices)), 1.0, "REPLACE")
     ball.modifiers.new("rig", "ARMATURE").object = rig
     props(scene, ball)
-    notes = finished(make_cast(read_crowd(scene))).notes
+    notes = finished(make_characters(read_crowd(scene))).notes
     assert list(scene.crowd_lod.build[render_setup.POSED]) == [0]
     assert len(notes) == 1 and "are off by up to 0." in notes[0]
 

@@ -17,7 +17,7 @@ from crowd_lod_extension.operators.render_setup.cost_estimate import estimate
 from crowd_lod_extension.operators.runs.preview import Preview, preview
 from crowd_lod_extension.operators.scene import scene_crowd
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
-from crowd_lod_extension.operators.settings.cost_table import FULL, Case, costs_of
+from crowd_lod_extension.operators.settings.cost_table import FULL, BuildCase, costs_of
 
 from ..support.scene_frames import frame_now
 
@@ -54,10 +54,10 @@ def test_work_is_what_the_depsgraph_shows(levelled, known, planned):
     found = finished(estimate(scene, frames, known=known))
     assert (
         list(found.looked_at) == frames
-        and Case(FULL, known) in found.works
+        and BuildCase(FULL, known) in found.works
         and found.costs.engine == "EEVEE"
     )
-    work = found.works[Case("BY_DISTANCE", known)]
+    work = found.works[BuildCase("BY_DISTANCE", known)]
     finished(bake.bake(scene, frames) if known else render_setup.build(read_crowd(scene)))
     top = scene.crowd_lod.build
     for f, number in enumerate(frames):
@@ -67,10 +67,10 @@ def test_work_is_what_the_depsgraph_shows(levelled, known, planned):
     shown = [item for item in top.all_objects if item.type == "MESH" and buckets.LEVEL not in item]
     assert work.posed == sum(count_triangles(item.data) for item in shown)
     assert work.rigs == sum(item.type == "ARMATURE" for item in top.all_objects)
-    whole = found.works[Case(FULL, known)]
+    whole = found.works[BuildCase(FULL, known)]
     assert (whole.instances == work.instances).all() and (whole.instanced > work.instanced).all()
     assert (
-        found.prices[Case(FULL, known)].memory > 0
+        found.prices[BuildCase(FULL, known)].memory > 0
         and "By Distance" in found.sentence
         and found.table.costs.keys() == found.works.keys()
     )
@@ -86,11 +86,11 @@ def test_the_button_fills_the_table_and_asks_for_lod_meshes(scene):
     assert bpy.ops.crowd_lod.estimate() == {"FINISHED"}
     costs = costs_of(scene.crowd_lod).costs
     assert [*costs] == [
-        Case(FULL),
-        Case("BY_DISTANCE"),
-        Case("BY_DISTANCE", True),
-        Case("BY_TOLERANCE"),
-    ] and costs[Case(FULL)].time == 1
+        BuildCase(FULL),
+        BuildCase("BY_DISTANCE"),
+        BuildCase("BY_DISTANCE", True),
+        BuildCase("BY_TOLERANCE"),
+    ] and costs[BuildCase(FULL)].time == 1
     scene.crowd_lod.tolerance = 2.0
     assert costs_of(scene.crowd_lod) is None
     scene.crowd_lod.estimate = "Full Detail\t1 GB"  # by a script
@@ -104,7 +104,7 @@ def test_lods_that_fit_in_memory_are_built_and_the_others_are_not(scene, tmp_pat
     settings.frames = "1:20"
     stored_groups.store_groups(settings, group_measuring.measure_groups(scene))
     list(make_levels(scene))
-    free = finished(estimate(scene)).prices[Case("BY_TOLERANCE")].memory / 1e6
+    free = finished(estimate(scene)).prices[BuildCase("BY_TOLERANCE")].memory / 1e6
     settings.memory = 1.0
     before = set(bpy.data.user_map())
     groups = stored_groups.groups_of(settings)
@@ -117,7 +117,7 @@ def test_lods_that_fit_in_memory_are_built_and_the_others_are_not(scene, tmp_pat
     finest = scene_crowd.policy_of(settings).finest
     assert settings.memory_tolerance > 0.2 and max(finest) > 0
     cast = finished(render_setup.build(read_crowd(scene)))
-    assert "LODs deviate by up to" in render_setup.notes_on_cast(read_crowd(scene), cast)
+    assert "LODs deviate by up to" in render_setup.notes_on_built(read_crowd(scene), cast)
     frame = frame_now(scene, bpy.context.evaluated_depsgraph_get())
     assert all(
         (frame.levels[frame.crowd.group == g] >= least).all() for g, least in enumerate(finest)
@@ -147,7 +147,7 @@ def test_lods_that_fit_in_memory_are_built_and_the_others_are_not(scene, tmp_pat
             item.data for item in inside
         }, group.name
     assert (
-        finished(estimate(scene)).prices[Case("BY_TOLERANCE")].memory
+        finished(estimate(scene)).prices[BuildCase("BY_TOLERANCE")].memory
         <= 1e6 * settings.memory * 1.02
     )
     finished(preview(scene, Preview([5], tmp_path / "out", 64), []))

@@ -7,7 +7,7 @@ from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.lod_meshes.deviation import Measure
 from crowd_lod_extension.operators.lod_meshes.level_objects import make_object
 from crowd_lod_extension.operators.lod_meshes.measurements import Measurements
-from crowd_lod_extension.operators.lod_meshes.search import Curve, Search, Try
+from crowd_lod_extension.operators.lod_meshes.search import LodCurve, Search, Try
 from crowd_lod_extension.operators.lod_meshes.source_mesh import read_source
 
 pytestmark = pytest.mark.once  # long, and the same on every Blender
@@ -35,7 +35,7 @@ def test_a_lod_has_about_the_fewest_triangles_whose_bound_is_the_length(ball, le
 
 def test_no_first_try_is_the_whole_itself(ball):
     """Where the LOD of most triangles is far too coarse, one of more is tried."""
-    curve = Curve(read_source(ball))
+    curve = LodCurve(read_source(ball))
     away = np.full(4, 0.006)
     curve.known_tries.append(Try(ball, 2_000, 4_000, 0.8, deviation=0.006, away=away))
     assert 0.8 < curve.ratio_for(0.0025) < 0.95

@@ -10,8 +10,8 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.levels import selection
+from crowd_lod_extension.crowd_lod.output.html_report import page
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.crowd_lod.reporting.html_report import page
 from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.operators.characters import (
     character_extent,

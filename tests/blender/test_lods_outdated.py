@@ -2,8 +2,8 @@
 
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.blender import sidebar_answers
-from crowd_lod_extension.operators.freshness.artifacts import MADE_FOR, note_build
+from crowd_lod_extension.operators.blender import provenance, sidebar_answers
+from crowd_lod_extension.operators.freshness.artifacts import note_build
 from crowd_lod_extension.operators.freshness.parts import build_parts
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.render_setup import render_setup
@@ -69,7 +69,7 @@ def test_lods_that_lack_what_the_settings_ask_for_are_to_be_made_again(adults):
 @pytest.mark.parametrize("spoilt", ["", "[]", "[1]", "{", 7, '{"ratios": 3}'])
 def test_lods_with_a_spoilt_note_are_told_of_without_an_error(levelled, spoilt):
     settings = levelled.crowd_lod
-    settings.levels[MADE_FOR] = spoilt
+    settings.levels[provenance.MADE_OF] = spoilt
     settings.level_count = 4
     assert "levels 3 (now 4)" in told_of(levelled)
 
@@ -100,7 +100,7 @@ def test_lods_of_characters_that_were_edited_are_to_be_made_again_and_those_that
     assert changed_since_build(scene) == ["the character adult"]
     crowd = read_crowd(scene)
     cast = finished(render_setup.build(crowd))
-    assert "the character adult changed" in render_setup.notes_on_cast(crowd, cast)
+    assert "the character adult changed" in render_setup.notes_on_built(crowd, cast)
     list(make_levels(scene))
     assert not told_of(scene)
     mesh.modifiers.new("Thicker", "SOLIDIFY")

@@ -14,13 +14,13 @@ from pathlib import Path
 import pytest
 from crowd_lod_extension import package
 from crowd_lod_extension.operators.ui.manual import help_address
-from crowd_lod_extension.operators.ui.step_panel import Step
+from crowd_lod_extension.operators.ui.step_panel import StepPanel
 from crowd_lod_extension.package import bundled_tool
 
 from ..support.pages import Reader
 
 ROOT = Path(__file__).parents[2]
-MAIN = Step.bl_parent_id  # of the panels of the steps, which have the help button
+MAIN = StepPanel.bl_parent_id  # of the panels of the steps, which have the help button
 
 
 def test_the_zip_holds_the_extension_and_nothing_else(tmp_path):
@@ -88,7 +88,7 @@ def look_at_manual(folder, pages):
     assert "https://example.org/crowd/blob/main/CHANGELOG.md" in read[folder / "README.html"].links
     assert "docs/plaza.png" in read[folder / "README.html"].links
     sidebar = read[folder / "docs" / "sidebar.html"].ids
-    titles = [step.bl_label for step in Step.__subclasses__() if step.bl_parent_id == MAIN]
+    titles = [step.bl_label for step in StepPanel.__subclasses__() if step.bl_parent_id == MAIN]
     headings = [help_address(title).partition("#")[2] for title in titles]
     assert len(headings) > 8 and set(headings) <= set(sidebar)
 

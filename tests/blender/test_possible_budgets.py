@@ -9,7 +9,6 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.shot.budget_points import budget_sentence
 from crowd_lod_extension.operators.blender import provenance
-from crowd_lod_extension.operators.freshness.artifacts import MADE_FOR
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.scene.shot_reference import OVERRIDES
 from crowd_lod_extension.operators.settings.budgets import budget_of, possible_budgets
@@ -59,7 +58,7 @@ def test_a_press_that_could_only_say_no_plans_no_frame(planned):
 def test_lods_that_hold_a_new_budget_anyway_are_not_made_again(planned):
     settings = planned.crowd_lod
     settings.choice = "BY_TOLERANCE"
-    provenance.keep(settings.levels, MADE_FOR, {"budget": "none"})
+    provenance.keep(settings.levels, {"budget": "none"})
     settings.budget_triangles = int(possible_budgets(settings)[0].triangles)
     assert not told_of_budget(planned)
     assert "FINISHED" in bpy.ops.crowd_lod.plan_shot()

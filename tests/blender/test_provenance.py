@@ -7,8 +7,8 @@ import time
 import bpy
 import pytest
 from crowd_lod_extension.operators.blender import provenance, sidebar_answers
-from crowd_lod_extension.operators.characters import cast_provenance
-from crowd_lod_extension.operators.characters.cast_provenance import cast_inputs
+from crowd_lod_extension.operators.characters import character_provenance
+from crowd_lod_extension.operators.characters.character_provenance import character_inputs
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.lod_meshes import level_objects
 
@@ -26,7 +26,7 @@ def level(scene, k, group="adult"):
     (home,) = (
         home
         for home in scene.crowd_lod.levels.children[k].children
-        if home[cast_provenance.GROUP] == group
+        if home[character_provenance.GROUP] == group
     )
     return next(item for item in home.objects if item.type == "MESH")
 
@@ -106,27 +106,27 @@ EDITS = {
 @pytest.mark.parametrize("edit", EDITS)
 def test_edits_are_named_and_names_are_no_edits(levelled, edit):
     change, names = EDITS[edit]
-    before = dict(cast_inputs(levelled))
+    before = dict(character_inputs(levelled))
     assert {"the character adult", "LOD 1 of adult", "LOD 0 of child"} <= before.keys()
     change(levelled)
     levelled.view_layers[0].update()
-    assert provenance.differences(before, cast_inputs(levelled)) == names
+    assert provenance.differences(before, character_inputs(levelled)) == names
     provenance.look_afresh()
-    assert provenance.differences(before, cast_inputs(levelled)) == names
+    assert provenance.differences(before, character_inputs(levelled)) == names
 
 
 def test_it_is_the_same_when_read_from_the_file(levelled, tmp_path):
-    before = dict(cast_inputs(levelled))
+    before = dict(character_inputs(levelled))
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "again.blend"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "again.blend"))
-    assert cast_inputs(bpy.context.scene) == before
+    assert character_inputs(bpy.context.scene) == before
 
 
 def test_nothing_is_read_twice_while_nothing_changes(levelled):
     def look(frame):
         levelled.frame_set(frame)
         began = time.perf_counter()
-        cast_inputs(levelled)
+        character_inputs(levelled)
         return time.perf_counter() - began
 
     first, *later = map(look, (1, 2, 9, 4))

@@ -12,8 +12,8 @@ from crowd_lod_extension.operators.blender.animation import action_range
 from crowd_lod_extension.operators.blender.render_evaluation import as_rendered
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.render_setup import buckets, render_setup, rigs
-from crowd_lod_extension.operators.render_setup.phase_characters import make_cast
-from crowd_lod_extension.operators.render_setup.shelves import LIBRARY, RIGS
+from crowd_lod_extension.operators.render_setup.phase_characters import make_characters
+from crowd_lod_extension.operators.render_setup.shelves import RIGS, SHELF
 from crowd_lod_extension.operators.scene.scene_crowd import characters_of, read_crowd, trajectory_of
 
 from ..support.scene_frames import frame_now
@@ -193,13 +193,13 @@ def test_a_bake_holds_what_its_frames_show_and_nothing_else(built):
     from crowd_lod_extension.operators.render_setup.bake import bake
 
     whole = sum(
-        len(c.children) for c in built.crowd_lod.build.children_recursive if c.get(LIBRARY, -1) >= 0
+        len(c.children) for c in built.crowd_lod.build.children_recursive if c.get(SHELF, -1) >= 0
     )
     list(bake(built, [3, 4]))
     top = built.crowd_lod.build
     used = 0
-    shelves = {c[LIBRARY]: c for c in top.children_recursive if c.get(LIBRARY, -1) >= 0}
-    for level, shelf in shelves.items():
+    shelf_of = {c[SHELF]: c for c in top.children_recursive if c.get(SHELF, -1) >= 0}
+    for level, shelf in shelf_of.items():
         shown = set()
         for points in buckets.points_of(top).values():
             if points[buckets.LEVEL] == level and "pose" in points.data.attributes:
@@ -228,7 +228,7 @@ def test_a_bake_of_frames_that_show_nobody_leaves_no_motion(built):
 def test_making_a_cast_leaves_nothing_when_it_is_stopped(levelled):
     before = set(bpy.data.user_map())
     for steps in (1, 30, 70, 150):
-        making = make_cast(read_crowd(levelled))
+        making = make_characters(read_crowd(levelled))
         for _ in range(steps):
             next(making)
         making.close()
@@ -237,7 +237,7 @@ def test_making_a_cast_leaves_nothing_when_it_is_stopped(levelled):
 
 def test_a_window_may_be_drawn_while_rigs_are_made(levelled):
     """Animation editors look through the poses of all armatures, and crash where there is none."""
-    for _ in make_cast(read_crowd(levelled)):
+    for _ in make_characters(read_crowd(levelled)):
         armatures = [item for item in bpy.data.objects if item.type == "ARMATURE"]
         assert all(armature.pose for armature in armatures)
     assert len(armatures) > CLASSES

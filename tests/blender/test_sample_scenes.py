@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension import sample_scenes
 from crowd_lod_extension.crowd_lod.frame.frame import plan
-from crowd_lod_extension.crowd_lod.reporting import tables
+from crowd_lod_extension.crowd_lod.output import tables
 from crowd_lod_extension.operators.blender import cameras, image_data
 from crowd_lod_extension.operators.characters import group_measuring
 from crowd_lod_extension.operators.machine import scene_world

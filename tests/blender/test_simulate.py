@@ -8,11 +8,11 @@ import sys
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import find_visible
+from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.machine.scene_world import machine_of, world_of
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of

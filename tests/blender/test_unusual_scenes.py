@@ -13,7 +13,7 @@ from crowd_lod_extension.operators.characters.stored_groups import store_groups
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.render_setup import render_setup
 from crowd_lod_extension.operators.render_setup.bake import bake
-from crowd_lod_extension.operators.render_setup.shelves import LIBRARY
+from crowd_lod_extension.operators.render_setup.shelves import SHELF
 from crowd_lod_extension.operators.scene.scene_crowd import characters_of, read_crowd, trajectory_of
 
 from ..support.characters import character, new, rig, skin, tube
@@ -108,7 +108,7 @@ def test_poses_stand_as_the_character_does_and_a_bake_is_as_the_build(bare, part
     live = [instances(bare, number) for number in (1009, 1001)]
     assert live[0] != live[1] and min(map(len, live)) > 10
 
-    shelf = next(c for c in bare.crowd_lod.build.children_recursive if c.get(LIBRARY) == 0)
+    shelf = next(c for c in bare.crowd_lod.build.children_recursive if c.get(SHELF) == 0)
     poses = sorted(shelf.children, key=lambda pose: pose.name)
     ((_, objects, origin),) = characters_of(bare)
     first, last = action_range(objects)

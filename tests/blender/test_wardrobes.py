@@ -15,7 +15,7 @@ from crowd_lod_extension.operators.characters.group_measuring import measure_gro
 from crowd_lod_extension.operators.characters.stored_groups import store_groups
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.overlay.agent_colors import by_material
-from crowd_lod_extension.operators.overlay.skinned_characters import Character
+from crowd_lod_extension.operators.overlay.skinned_characters import SkinnedCharacter
 from crowd_lod_extension.operators.render_setup import bake
 from crowd_lod_extension.operators.render_setup.buckets import points_of
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
@@ -260,7 +260,7 @@ def test_the_overlay_colors_each_part_by_its_looks(dressed):
     trajectory = populated(dressed)
     none = np.empty(0)
     cast = [
-        Character(group.name, none, (), none, np.full(3, 0.2), 0.0, None, ramp=ramp)
+        SkinnedCharacter(group.name, none, (), none, np.full(3, 0.2), 0.0, None, ramp=ramp)
         for group in trajectory.groups
         for ramp in [looks.ramp if group.name == "adult + cap" else None]
     ]

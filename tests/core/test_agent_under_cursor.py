@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import Crowd, Group
-from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
 from crowd_lod_extension.crowd_lod.culling.radar import BLOCK
@@ -18,6 +17,7 @@ from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.frame.planned import HIDDEN, OVERRIDDEN, PINNED, with_row
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 from crowd_lod_extension.crowd_lod.sorting.buckets import Buckets
+from crowd_lod_extension.crowd_lod.world.maps import Area, edge_map
 
 SIZE = 640, 480
 NOBODY = Buckets(np.zeros(0, np.int32), np.zeros(4, np.intp))

@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.crowd.agents import Draw, Group, populate
+from crowd_lod_extension.crowd_lod.crowd.agents import Draw, Group
 from crowd_lod_extension.crowd_lod.crowd.bounding_spheres import bounding_sphere, cover_sizes
-from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.world.first_frame import populate
+from crowd_lod_extension.crowd_lod.world.maps import Area, edge_map
 
 MACHINE = load_preset("chapter")
 WORLD = edge_map(Area(-10, 5, 30, 25, 2.0), MACHINE.labels)

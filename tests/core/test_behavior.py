@@ -7,11 +7,11 @@ from crowd_lod_extension.crowd_lod.behavior.courant_number import courant
 from crowd_lod_extension.crowd_lod.behavior.plain_step import advance
 from crowd_lod_extension.crowd_lod.behavior.step import step
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
-from crowd_lod_extension.crowd_lod.crowd.agents import populate
-from crowd_lod_extension.crowd_lod.crowd.height_map import HeightMap
-from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.world.first_frame import populate
+from crowd_lod_extension.crowd_lod.world.height_map import HeightMap
+from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap, edge_map
 
 from ..support.crowds import crowd_at, walker
 from ..support.machines import TO_AND_FRO, machine_of, mirrored, random_world, same

@@ -7,10 +7,8 @@ import numpy as np
 import pytest
 from crowd_lod_extension.benchmarks.cull_audit import LENSES, random_camera
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
-from crowd_lod_extension.crowd_lod.crowd import leave_outs, morton_order
-from crowd_lod_extension.crowd_lod.crowd.agents import populate
+from crowd_lod_extension.crowd_lod.crowd import leave_outs
 from crowd_lod_extension.crowd_lod.crowd.bounding_spheres import spheres_of
-from crowd_lod_extension.crowd_lod.crowd.height_map import HeightMap
 from crowd_lod_extension.crowd_lod.culling import blocks
 from crowd_lod_extension.crowd_lod.culling.camera import lens_blur
 from crowd_lod_extension.crowd_lod.culling.radar import RadarOptions, radar
@@ -20,6 +18,9 @@ from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.frame.shadows import Surroundings, surround
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy, assign, threshold_distances
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import scatter
+from crowd_lod_extension.crowd_lod.world import morton_order
+from crowd_lod_extension.crowd_lod.world.first_frame import populate
+from crowd_lod_extension.crowd_lod.world.height_map import HeightMap
 from hypothesis import given, settings
 
 from ..support.cameras import straight

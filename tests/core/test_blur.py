@@ -4,15 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.animation.phase_classes import Library
+from crowd_lod_extension.crowd_lod.animation.phase_classes import Cast
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
-from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.culling.camera import lens_blur
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 from crowd_lod_extension.crowd_lod.shot.blur import blur_of
 from crowd_lod_extension.crowd_lod.shot.recording import begin_recording
+from crowd_lod_extension.crowd_lod.world.maps import Area, edge_map
 
 from ..support.cameras import straight
 from ..support.crowds import crowd_at, walker
@@ -73,9 +73,9 @@ def test_lods_are_coarser_by_the_blur_and_no_more(crowd):
     camera = straight()
     shutter = [(1.0, (panned(camera, angle),)) for angle in (-0.02, 0.0, 0.02)]
     frame = plan(crowd, camera, POLICY, 1.0, shutter)
-    library = Library(np.zeros(1, np.intp))
+    cast = Cast(np.zeros(1, np.intp))
     recordings = [
-        begin_recording([1], [1.0], crowd.start.group, library.first(crowd.gaits), library)
+        begin_recording([1], [1.0], crowd.start.group, cast.first(crowd.gaits), cast)
         for _ in range(2)
     ]
     recordings[1].tolerance = 1.0

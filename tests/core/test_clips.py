@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.animation.phase_classes import Library
+from crowd_lod_extension.crowd_lod.animation.phase_classes import Cast
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
-from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 from crowd_lod_extension.crowd_lod.shot.recording import begin_recording
+from crowd_lod_extension.crowd_lod.world.maps import Area, edge_map
 
 from ..support.cameras import straight
 from ..support.crowds import crowd_at, walker
@@ -31,10 +31,8 @@ def events(before, after):
     world = edge_map(Area(-100, -100, 100, 100), machine.labels)
     people = crowd_at(AHEAD + BEHIND + BESIDE)
     crowd = Walk(people, machine, world, (walker(),), 1 / 24)
-    library = Library(np.zeros(1, np.intp))
-    recording = begin_recording(
-        [1, 2], [1.0, 1.0], people.group, library.first(crowd.gaits), library
-    )
+    cast = Cast(np.zeros(1, np.intp))
+    recording = begin_recording([1, 2], [1.0, 1.0], people.group, cast.first(crowd.gaits), cast)
     frames = [plan(crowd, camera, LevelPolicy((0.3, 0.6)), 1.0) for camera in (before, after)]
     recording.add(frames[0])
     recording.add(frames[1], frames[0])

@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
-from crowd_lod_extension.crowd_lod.crowd.agents import Draw, populate
+from crowd_lod_extension.crowd_lod.crowd.agents import Draw
 from crowd_lod_extension.crowd_lod.crowd.bounding_spheres import cover_wardrobes
 from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS, NOTHING
-from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
 from crowd_lod_extension.crowd_lod.crowd.wardrobe import count_people
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.sources.dressed import Dressed
+from crowd_lod_extension.crowd_lod.world.first_frame import populate
+from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap
 
 from ..support.cameras import straight
 from ..support.crowds import walker

@@ -7,7 +7,6 @@ from fractions import Fraction as F
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.culling.radar import RadarOptions, radar
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy, assign, threshold_distances
@@ -15,6 +14,7 @@ from crowd_lod_extension.crowd_lod.validation import error_vs_runtime
 from crowd_lod_extension.crowd_lod.validation.culling_judge import standing_crowd
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
 from crowd_lod_extension.crowd_lod.validation.extreme_cases import camera_of
+from crowd_lod_extension.crowd_lod.world.maps import Area, edge_map
 
 CENTER = np.array([0.9, 0.5])
 RADIUS = np.array([1.0, 0.4])
@@ -99,7 +99,7 @@ def test_float32_in_the_world_loses_ids_far_out_and_float64_none(monkeypatch):
 
 @pytest.mark.once
 def test_behavior_of_the_chapter_is_exact_and_the_listing_of_first_order():
-    from crowd_lod_extension.crowd_lod.crowd.agents import populate
+    from crowd_lod_extension.crowd_lod.world.first_frame import populate
 
     machine = load_preset("chapter")
     world = edge_map(Area(-20, -20, 20, 20, 0), machine.labels)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behavior.exact_walk import walk
 from crowd_lod_extension.crowd_lod.behavior.plain_step import advance
-from crowd_lod_extension.crowd_lod.crowd.agents import populate
-from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.validation import exact_behavior
 from crowd_lod_extension.crowd_lod.validation.exact_behavior import follow_exactly
+from crowd_lod_extension.crowd_lod.world.first_frame import populate
+from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap, edge_map
 
 from ..support.crowds import crowd_at
 from ..support.machines import TO_AND_FRO, machine_of, mirrored, random_machine, random_world

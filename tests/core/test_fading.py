@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
-from crowd_lod_extension.crowd_lod.crowd.agents import Action, Group, populate
+from crowd_lod_extension.crowd_lod.crowd.agents import Action, Group
 from crowd_lod_extension.crowd_lod.crowd.leave_outs import NOTHING
-from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
 from crowd_lod_extension.crowd_lod.crowd.paces import mixed_in, step_name
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.sources.several import Several
+from crowd_lod_extension.crowd_lod.world.first_frame import populate
+from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap
 
 from ..support.machines import machine_of, same
 

@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 from crowd_lod_extension.benchmarks.cull_audit import LENSES, random_camera
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
-from crowd_lod_extension.crowd_lod.crowd import morton_order
-from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
 from crowd_lod_extension.crowd_lod.culling import blocks
 from crowd_lod_extension.crowd_lod.culling.frustum import frustum_of
 from crowd_lod_extension.crowd_lod.culling.radar import radar
@@ -18,6 +16,8 @@ from crowd_lod_extension.crowd_lod.culling.volumes import Light, shades_into, vi
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.frame.shadows import Surroundings, surround
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
+from crowd_lod_extension.crowd_lod.world import morton_order
+from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap
 
 from ..support.crowds import crowd_at, walker
 from ..support.machines import machine_of

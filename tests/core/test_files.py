@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.format import byte_size, printable
-from crowd_lod_extension.crowd_lod.reporting import file_checks, files
+from crowd_lod_extension.crowd_lod.output import file_checks, files
 
 posix = pytest.mark.skipif(os.name == "nt", reason="Windows has none of these")
 
@@ -19,7 +19,7 @@ posix = pytest.mark.skipif(os.name == "nt", reason="Windows has none of these")
 RUN = """
 import os, signal, sys
 from pathlib import Path
-from crowd_lod_extension.crowd_lod.reporting.files import staged
+from crowd_lod_extension.crowd_lod.output.files import staged
 
 folder, what, at = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
 seen = 0
@@ -274,7 +274,7 @@ def test_a_working_folder_that_is_gone_is_one_sentence(tmp_path, monkeypatch):
 def test_many_runs_at_once_leave_the_files_of_one(tmp_path):
     code = (
         "import sys; from pathlib import Path; from "
-        "crowd_lod_extension.crowd_lod.reporting.files import staged\n"
+        "crowd_lod_extension.crowd_lod.output.files import staged\n"
     )
     code += "for turn in range(10):\n  with staged(Path(sys.argv[1])) as stage:\n"
     code += "    for n in range(50): (stage / str(n)).write_text(f'{sys.argv[2]} {turn}')"

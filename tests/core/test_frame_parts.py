@@ -3,8 +3,8 @@
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.frame.frame_range import frames_text, parse_frames, parse_part
-from crowd_lod_extension.crowd_lod.reporting import files, frame_parts
-from crowd_lod_extension.crowd_lod.reporting.frame_parts import RECORDS, FrameParts
+from crowd_lod_extension.crowd_lod.output import files, frame_parts
+from crowd_lod_extension.crowd_lod.output.frame_parts import RECORDS, FrameParts
 
 
 @pytest.fixture

@@ -7,11 +7,12 @@ import weakref
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behavior import walk as walk_file
-from crowd_lod_extension.crowd_lod.crowd import leave_outs, morton_order
-from crowd_lod_extension.crowd_lod.crowd.height_map import HeightMap
+from crowd_lod_extension.crowd_lod.crowd import leave_outs
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.frame.index_cache import blocks_at
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
+from crowd_lod_extension.crowd_lod.world import morton_order
+from crowd_lod_extension.crowd_lod.world.height_map import HeightMap
 
 from ..support.cameras import straight
 from ..support.crowds import walker

@@ -6,8 +6,6 @@ from functools import partial
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
-from crowd_lod_extension.crowd_lod.crowd.agents import populate
-from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.culling.camera import lens_blur
 from crowd_lod_extension.crowd_lod.culling.occluders import join_occluders
@@ -17,7 +15,9 @@ from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.frame.reasons import BEHIND_SCENERY, reasons
 from crowd_lod_extension.crowd_lod.frame.shadows import Surroundings, surround
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
-from crowd_lod_extension.crowd_lod.reporting.tables import row
+from crowd_lod_extension.crowd_lod.output.tables import row
+from crowd_lod_extension.crowd_lod.world.first_frame import populate
+from crowd_lod_extension.crowd_lod.world.maps import Area, edge_map
 
 from ..support.crowds import walker
 from ..support.streets import blocked_by_boxes, box_mesh, find_seen, looking, pictured

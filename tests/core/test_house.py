@@ -41,6 +41,7 @@ FLOORS = {
         *(
             "",
             "crowd",
+            "world",
             "animation",
             "tracks",
             "sources",
@@ -49,7 +50,7 @@ FLOORS = {
             "levels",
             "sorting",
         ),
-        *("simplification", "frame", "shot", "validation", "reporting"),
+        *("simplification", "frame", "shot", "validation", "output"),
     ),
     "operators": (
         *(
@@ -123,6 +124,15 @@ def test_no_files_import_each_other_in_a_circle():
         for path in free:
             del known[path]
     assert not known
+
+
+def test_a_class_name_means_one_thing():
+    homes = {}
+    for *_, path in modules():
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.ClassDef):
+                homes.setdefault(node.name.lstrip("_"), []).append(str(path.relative_to(ROOT)))
+    assert {name: files for name, files in homes.items() if len(files) > 1} == {}
 
 
 def test_behavior_has_one_door():

@@ -3,7 +3,7 @@ name's own HTML.
 """
 
 import pytest
-from crowd_lod_extension.crowd_lod.reporting.html_report import page
+from crowd_lod_extension.crowd_lod.output.html_report import page
 
 from ..support.pages import Reader
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd import leave_outs
 from crowd_lod_extension.crowd_lod.crowd.agents import Group
-from crowd_lod_extension.crowd_lod.crowd.maps import LabelMap
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.levels.assignment import Bias
 from crowd_lod_extension.crowd_lod.validation.leave_out_timing import savings
+from crowd_lod_extension.crowd_lod.world.maps import LabelMap
 from hypothesis import given, settings
 
 from ..support.cameras import straight

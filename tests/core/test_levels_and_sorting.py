@@ -5,7 +5,6 @@ import hypothesis.strategies as st
 import numpy as np
 import pytest
 from crowd_lod_extension.benchmarks.cull_audit import random_camera
-from crowd_lod_extension.crowd_lod.crowd.maps import Area
 from crowd_lod_extension.crowd_lod.culling.frustum import ROUNDING
 from crowd_lod_extension.crowd_lod.culling.radar import radar
 from crowd_lod_extension.crowd_lod.errors import CrowdError
@@ -17,6 +16,7 @@ from crowd_lod_extension.crowd_lod.levels.assignment import (
     threshold_distances,
 )
 from crowd_lod_extension.crowd_lod.sorting.buckets import sort
+from crowd_lod_extension.crowd_lod.world.maps import Area
 from hypothesis import given
 
 from ..support.cameras import straight

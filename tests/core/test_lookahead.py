@@ -12,10 +12,10 @@ from crowd_lod_extension.crowd_lod.behavior.lookahead import look_ahead, plan_tu
 from crowd_lod_extension.crowd_lod.behavior.plain_step import advance
 from crowd_lod_extension.crowd_lod.behavior.step import PAUSE, Steps
 from crowd_lod_extension.crowd_lod.behavior.tabulated_step import Tables
-from crowd_lod_extension.crowd_lod.crowd.agents import populate
 from crowd_lod_extension.crowd_lod.crowd.leave_outs import ALL
-from crowd_lod_extension.crowd_lod.crowd.maps import LabelMap
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset, preset_names
+from crowd_lod_extension.crowd_lod.world.first_frame import populate
+from crowd_lod_extension.crowd_lod.world.maps import LabelMap
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

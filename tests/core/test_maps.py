@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.crowd.height_map import HeightMap
-from crowd_lod_extension.crowd_lod.crowd.maps import (
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.world.height_map import HeightMap
+from crowd_lod_extension.crowd_lod.world.maps import (
     MOST_SQUARE,
     NEAR,
     Area,
@@ -9,7 +10,6 @@ from crowd_lod_extension.crowd_lod.crowd.maps import (
     edge_map,
     labels_from_colors,
 )
-from crowd_lod_extension.crowd_lod.errors import CrowdError
 
 COLORS = np.array([[128, 128, 128], [255, 0, 0]], np.uint8)
 

@@ -108,7 +108,7 @@ def plan_arrays() -> dict:
         "finer": np.zeros(3, np.uint8),
         "counts": np.full(1, 4, np.uint8),
         "cast": np.ones((1, 16), bool),
-        "made_for": np.array([("the crowd", "12")]),
+        "made_of": np.array([("the crowd", "12")]),
         "blend_file": np.array("a.blend"),
         "tolerance": np.array(1.5),
         "levels_1": np.zeros(5, np.uint8),
@@ -141,6 +141,6 @@ def test_a_sound_plan_is_read(tmp_path):
     path = tmp_path / "plan.npz"
     np.savez(path, **plan_arrays())
     plan = plan_file.read(path)
-    assert plan.made_for == {"the crowd": "12"} and plan.row(1, 5).tolist() == [0] * 5
+    assert plan.made_of == {"the crowd": "12"} and plan.row(1, 5).tolist() == [0] * 5
     with pytest.raises(CrowdError, match="does not have 6 agents in levels_2"):
         plan.row(1, 6)

@@ -3,13 +3,14 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.animation.phase_classes import Library
+from crowd_lod_extension.crowd_lod.animation.phase_classes import Cast
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
-from crowd_lod_extension.crowd_lod.crowd.agents import Action, Group, populate
-from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
+from crowd_lod_extension.crowd_lod.crowd.agents import Action, Group
 from crowd_lod_extension.crowd_lod.crowd.paces import MOST_PACES
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.world.first_frame import populate
+from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap
 
 from ..support.crowds import crowd_at, walker
 from ..support.machines import machine_of
@@ -153,10 +154,10 @@ def test_each_state_plays_its_action_at_its_own_rate():
             0.5,
             atol=1e-5,
         )
-        shown = Library(np.zeros(1, np.intp)).character_of(gaits, crowd, frame / 24, np.arange(500))
+        shown = Cast(np.zeros(1, np.intp)).character_of(gaits, crowd, frame / 24, np.arange(500))
         assert (shown == crowd.state * 16 + crowd.phase_class).all()
         assert (
-            Library(np.array([4])).character_of(gaits, crowd, frame / 24, np.arange(500)) // 4
+            Cast(np.array([4])).character_of(gaits, crowd, frame / 24, np.arange(500)) // 4
             == crowd.state
         ).all()
         seen |= set(crowd.state.tolist())

@@ -5,7 +5,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.animation.phase_classes import Library, first_blocks
+from crowd_lod_extension.crowd_lod.animation.phase_classes import Cast, first_blocks
 from crowd_lod_extension.crowd_lod.crowd.agents import CLASSES
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.shot import coloring
@@ -20,7 +20,7 @@ from crowd_lod_extension.crowd_lod.shot.neighbors import close_pairs
 from crowd_lod_extension.crowd_lod.shot.phases import NEAREST, Phases, palette, recast
 from crowd_lod_extension.crowd_lod.shot.survey import SEEN, Encounters
 
-from ..support.plaza_shot import library, plaza_shot
+from ..support.plaza_shot import cast_of_rigs, plaza_shot
 
 
 @pytest.fixture(scope="module")
@@ -119,7 +119,7 @@ def test_the_survey_and_the_crowd_show_the_same_characters(shot, planned):
         is_seen = survey.is_seen[cells]
         agents = agents[is_seen]
         seconds = trajectory.seconds(time)
-        shown = library().character_of(trajectory.gaits, crowd, seconds, agents)
+        shown = cast_of_rigs().character_of(trajectory.gaits, crowd, seconds, agents)
         assert (shown == again.character[cells[is_seen]]).all()
     before, after = (np.unique(each.character[each.is_seen]) for each in (survey, again))
     assert len(after) < 0.6 * len(before)
@@ -191,7 +191,7 @@ def test_what_meets_nobody_has_the_fewest_classes(shot):
 
 def test_groups_that_are_posed_keep_their_characters(shot):
     trajectory, survey = shot
-    posed = Library(np.array([8, 0, 0], np.intp))
+    posed = Cast(np.array([8, 0, 0], np.intp))
     roles = posed.roles(trajectory.gaits)
     first = posed.first(trajectory.gaits)
     assert (roles.block[: first[1]] == -1).all() and (roles.block[first[1] :] >= 0).all()

@@ -5,9 +5,10 @@ its walls.
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behavior.step import step
-from crowd_lod_extension.crowd_lod.crowd.agents import Group, populate
+from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.world.first_frame import populate
 from crowd_lod_extension.sample_scenes import NAMES, make, plaza_map
 
 WALK = Group("walker", center=0.9, radius=1.0, stride=1.35, period=1.0)

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.crowd import rasterize
-from crowd_lod_extension.crowd_lod.crowd.maps import Area
-from crowd_lod_extension.crowd_lod.crowd.rasterize import cover_cells
+from crowd_lod_extension.crowd_lod.world import rasterize
+from crowd_lod_extension.crowd_lod.world.maps import Area
+from crowd_lod_extension.crowd_lod.world.rasterize import cover_cells
 
 AREA = Area(-3, 2, 7, 8)  # of 10 by 6 cells of a meter, or other sizes
 

@@ -6,17 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.crowd import morton_order
-from crowd_lod_extension.crowd_lod.crowd.height_map import HeightMap
 from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS, NOTHING
-from crowd_lod_extension.crowd_lod.crowd.maps import Area
-from crowd_lod_extension.crowd_lod.crowd.terrain import Terrain
 from crowd_lod_extension.crowd_lod.culling.volumes import Light
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.frame.shadows import Surroundings, surround
 from crowd_lod_extension.crowd_lod.sources.several import Several
 from crowd_lod_extension.crowd_lod.tracks.rows import Rows
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
+from crowd_lod_extension.crowd_lod.world import morton_order
+from crowd_lod_extension.crowd_lod.world.height_map import HeightMap
+from crowd_lod_extension.crowd_lod.world.maps import Area
+from crowd_lod_extension.crowd_lod.world.terrain import Terrain
 
 from ..support.cameras import straight
 from ..support.shots import POLICY, raw, shot, walking

@@ -5,11 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
-from crowd_lod_extension.crowd_lod.crowd import morton_order
-from crowd_lod_extension.crowd_lod.crowd.agents import populate
-from crowd_lod_extension.crowd_lod.crowd.height_map import HeightMap
 from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS, NOTHING
-from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
 from crowd_lod_extension.crowd_lod.culling.volumes import Light
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.frame.frame import plan
@@ -17,6 +13,10 @@ from crowd_lod_extension.crowd_lod.frame.reasons import ABSENT, reasons
 from crowd_lod_extension.crowd_lod.frame.shadows import Surroundings, surround
 from crowd_lod_extension.crowd_lod.sources.several import Several
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
+from crowd_lod_extension.crowd_lod.world import morton_order
+from crowd_lod_extension.crowd_lod.world.first_frame import populate
+from crowd_lod_extension.crowd_lod.world.height_map import HeightMap
+from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap
 
 from ..support.cameras import straight
 from ..support.crowds import walker

@@ -8,10 +8,10 @@ from html import unescape
 
 import numpy as np
 import pytest
+from crowd_lod_extension.crowd_lod.output.shot_page import shot_page
+from crowd_lod_extension.crowd_lod.output.shot_report import ShotReport
+from crowd_lod_extension.crowd_lod.output.svg_plots import across
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.crowd_lod.reporting.shot_page import shot_page
-from crowd_lod_extension.crowd_lod.reporting.shot_report import ShotReport
-from crowd_lod_extension.crowd_lod.reporting.svg_plots import across
 from crowd_lod_extension.crowd_lod.shot.coloring import PhasePlan
 from crowd_lod_extension.crowd_lod.shot.curve import curve_of
 from crowd_lod_extension.crowd_lod.shot.phases import Phases
@@ -19,7 +19,7 @@ from crowd_lod_extension.crowd_lod.shot.shot import decide
 from crowd_lod_extension.crowd_lod.shot.survey import CULLED
 from crowd_lod_extension.crowd_lod.shot.switches import noticed
 from crowd_lod_extension.crowd_lod.shot.unneeded import unneeded
-from crowd_lod_extension.crowd_lod.shot.verdict import Change, Verdict
+from crowd_lod_extension.crowd_lod.shot.verdict import LargestSwitch, Verdict
 
 from ..support.pages import Reader
 from ..support.surveys import TRIANGLES, Grid, some_shot
@@ -48,7 +48,7 @@ def some_report(title="plaza", names=("adult", "child"), **more):
         shot=shot,
         plan=plan,
         noticed=found,
-        verdict=Verdict(Change(0.8, 7, 3)),
+        verdict=Verdict(LargestSwitch(0.8, 7, 3)),
         curve=curve,
         names=list(names),
         phases=phases,

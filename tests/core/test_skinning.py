@@ -17,8 +17,6 @@ from crowd_lod_extension.crowd_lod.animation.skinning import (
 )
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import Crowd, Group
-from crowd_lod_extension.crowd_lod.crowd.height_map import HeightMap
-from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
 from crowd_lod_extension.crowd_lod.frame.frame import plan
@@ -34,6 +32,8 @@ from crowd_lod_extension.crowd_lod.frame.reasons import (
     reasons,
 )
 from crowd_lod_extension.crowd_lod.levels.assignment import Bias, LevelPolicy
+from crowd_lod_extension.crowd_lod.world.height_map import HeightMap
+from crowd_lod_extension.crowd_lod.world.maps import Area, edge_map
 
 from ..support.rotations import stance
 

@@ -7,10 +7,13 @@ import hashlib
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
-from crowd_lod_extension.crowd_lod.crowd import morton_order
 from crowd_lod_extension.crowd_lod.crowd.leave_outs import NOTHING
-from crowd_lod_extension.crowd_lod.crowd.maps import Area
-from crowd_lod_extension.crowd_lod.crowd.spawn_places import (
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.frame.frame import plan
+from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
+from crowd_lod_extension.crowd_lod.world import morton_order
+from crowd_lod_extension.crowd_lod.world.maps import Area
+from crowd_lod_extension.crowd_lod.world.spawn_places import (
     Places,
     Spacing,
     allowed_agents,
@@ -22,10 +25,7 @@ from crowd_lod_extension.crowd_lod.crowd.spawn_places import (
     stays,
     without_heading,
 )
-from crowd_lod_extension.crowd_lod.crowd.terrain import Terrain
-from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.frame.frame import plan
-from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
+from crowd_lod_extension.crowd_lod.world.terrain import Terrain
 
 from ..support.cameras import straight
 from ..support.shots import IDLER, POLICY, ground, machine, raw, walking

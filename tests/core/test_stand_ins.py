@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.animation.phase_classes import Library, Roles
+from crowd_lod_extension.crowd_lod.animation.phase_classes import Cast, Roles
 from crowd_lod_extension.crowd_lod.crowd.agents import CLASSES
 from crowd_lod_extension.crowd_lod.shot.stand_ins import hold_shown, stand_ins
 
-from ..support.plaza_shot import library, plaza_shot
+from ..support.plaza_shot import cast_of_rigs, plaza_shot
 
 BLOCKS = 3
 LEVELS = 4
@@ -57,8 +57,8 @@ def test_poses_of_a_group_stand_in_for_no_others():
 def test_a_build_holds_what_its_plan_shows_and_a_class_of_all_that_is_played():
     trajectory, _ = plaza_shot(20, [1])
     gaits = trajectory.gaits
-    planned = library()
-    built = Library(np.array([0, 32, 0]))  # rigs cannot show the second group
+    planned = cast_of_rigs()
+    built = Cast(np.array([0, 32, 0]))  # rigs cannot show the second group
     random = np.random.default_rng(1)
     shown = random.random((LEVELS, planned.first(gaits)[-1])) < 0.1
     held = hold_shown(shown, planned, built, gaits)

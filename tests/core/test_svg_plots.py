@@ -1,7 +1,7 @@
 import re
 
 import numpy as np
-from crowd_lod_extension.crowd_lod.reporting import svg_plots as svg
+from crowd_lod_extension.crowd_lod.output import svg_plots as svg
 
 
 def test_a_long_legend_stays_under_its_plot():

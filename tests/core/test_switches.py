@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.format import number
+from crowd_lod_extension.crowd_lod.output.tables import largest_switches, switches_csv
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.crowd_lod.reporting.tables import largest_switches, switches_csv
 from crowd_lod_extension.crowd_lod.shot.shot import decide
 from crowd_lod_extension.crowd_lod.shot.shot_cost import Bill
 from crowd_lod_extension.crowd_lod.shot.switches import NOTHING, ROW, noticed

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.frame.frame_range import parse_frames
-from crowd_lod_extension.crowd_lod.reporting import tables
+from crowd_lod_extension.crowd_lod.output import tables
 
 
 def test_csv_reads_back():

@@ -6,9 +6,9 @@ from crowd_lod_extension.crowd_lod.behavior import step as step_
 from crowd_lod_extension.crowd_lod.behavior import tabulated_step
 from crowd_lod_extension.crowd_lod.behavior.plain_step import advance
 from crowd_lod_extension.crowd_lod.behavior.step import Steps, step
-from crowd_lod_extension.crowd_lod.crowd.agents import populate
-from crowd_lod_extension.crowd_lod.crowd.maps import LabelMap
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset, preset_names
+from crowd_lod_extension.crowd_lod.world.first_frame import populate
+from crowd_lod_extension.crowd_lod.world.maps import LabelMap
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

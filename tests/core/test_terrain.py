@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
-from crowd_lod_extension.crowd_lod.crowd import morton_order
-from crowd_lod_extension.crowd_lod.crowd.height_map import HeightMap
 from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS, NOTHING
-from crowd_lod_extension.crowd_lod.crowd.maps import Area
-from crowd_lod_extension.crowd_lod.crowd.terrain import STEP, Terrain, upward
 from crowd_lod_extension.crowd_lod.culling.camera import Window
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
+from crowd_lod_extension.crowd_lod.world import morton_order
+from crowd_lod_extension.crowd_lod.world.height_map import HeightMap
+from crowd_lod_extension.crowd_lod.world.maps import Area
+from crowd_lod_extension.crowd_lod.world.terrain import STEP, Terrain, upward
 
 from ..support.cameras import straight
 from ..support.shots import IDLER, POLICY, raw, shot, walking

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behavior.step import step
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
-from crowd_lod_extension.crowd_lod.crowd.agents import populate
-from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
+from crowd_lod_extension.crowd_lod.world.first_frame import populate
+from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap
 
 from ..support.crowds import walker
 from ..support.machines import machine_of, random_world, same

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.tracks import npz, rows, text
-from crowd_lod_extension.crowd_lod.tracks.cast import groups_of_agents
+from crowd_lod_extension.crowd_lod.tracks.group_choice import groups_of_agents
 from crowd_lod_extension.crowd_lod.tracks.making import tracks_of
 from crowd_lod_extension.crowd_lod.tracks.reading import read_rows, read_tracks
 

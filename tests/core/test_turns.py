@@ -9,9 +9,9 @@ from crowd_lod_extension.crowd_lod.behavior import step
 from crowd_lod_extension.crowd_lod.behavior.exact_walk import trouble, walk
 from crowd_lod_extension.crowd_lod.behavior.plain_step import PIECES, PIECES_A_CELL, advance
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
-from crowd_lod_extension.crowd_lod.crowd.agents import populate
-from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
 from crowd_lod_extension.crowd_lod.validation.exact_behavior import follow_exactly
+from crowd_lod_extension.crowd_lod.world.first_frame import populate
+from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap
 
 from ..support.crowds import crowd_at, walker
 from ..support.machines import machine_of, mirrored, random_machine, same

@@ -2,11 +2,7 @@
 HTML.
 """
 
-from crowd_lod_extension.crowd_lod.reporting.verify_report import (
-    AGENT_COLUMNS,
-    COLUMNS,
-    verify_page,
-)
+from crowd_lod_extension.crowd_lod.output.verify_report import AGENT_COLUMNS, COLUMNS, verify_page
 from crowd_lod_extension.crowd_lod.validation.render_proof import verdict
 
 from ..support.pages import Reader

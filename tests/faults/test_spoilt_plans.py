@@ -12,7 +12,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.frame.planned import LEVEL
 from crowd_lod_extension.crowd_lod.levels.assignment import MOST_LEVELS
-from crowd_lod_extension.crowd_lod.reporting.frame_parts import FrameParts, keep_whole
+from crowd_lod_extension.crowd_lod.output.frame_parts import FrameParts, keep_whole
 from crowd_lod_extension.crowd_lod.shot import plan_file
 from crowd_lod_extension.operators.cli import farm, shared_runs
 from crowd_lod_extension.operators.cli.arguments import parser
@@ -109,7 +109,7 @@ def plan_arrays():
         "finer": np.zeros(5, np.uint8),
         "counts": np.full(1, 4, np.uint8),
         "cast": np.ones((3, 16), bool),
-        "made_for": np.array([("the crowd", "12"), ("the settings", "34")]),
+        "made_of": np.array([("the crowd", "12"), ("the settings", "34")]),
         "tolerance": np.array(1.5),
         **{f"levels_{number}": np.full(AGENTS, number % 3, np.uint8) for number in numbers},
     }
@@ -196,7 +196,7 @@ def test_plan_json(tmp_path):
     row = dict.fromkeys((*farm.COLUMNS, "switches", "switch_pixels"), 7)
     plan = {
         "version": 2,
-        "made_for": {"the crowd": "a", "the map": "b"},
+        "made_of": {"the crowd": "a", "the map": "b"},
         "frames": [row | {"frame": number} for number in (1, 2, 3)],
         "shot": {
             "frames": [1, 2, 3],

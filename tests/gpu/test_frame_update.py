@@ -114,17 +114,17 @@ def test_meshes_stay_on_the_gpu_from_frame_to_frame(scene, monkeypatch):
         level for level, *_ in first.batches.draws
     )
     assert shown(scene).batches is first.batches
-    monkeypatch.setattr(appearance, "Cast", None)
+    monkeypatch.setattr(appearance, "GpuBodies", None)
     monkeypatch.setattr(character_cache, "bake_character", None)
     scene.frame_set(30)
     later = shown(scene)
-    assert later.batches is not first.batches and later.cast is first.cast
+    assert later.batches is not first.batches and later.bodies is first.bodies
 
 
 def test_meshes_follow_edits_of_meshes_actions_and_materials(scene, monkeypatch):
     first = with_meshes(scene)
     monkeypatch.setattr(character_cache, "LOOK_AGAIN", 0.0)
-    assert shown(scene).cast is first.cast
+    assert shown(scene).bodies is first.bodies
     item = scene.crowd_lod.levels.children[1].children[0].objects[0]
 
     def paint():
@@ -137,13 +137,13 @@ def test_meshes_follow_edits_of_meshes_actions_and_materials(scene, monkeypatch)
         lambda: animate(item),
         lambda: ease(item),
     ):
-        before = shown(scene).cast
+        before = shown(scene).bodies
         change()
         scene.view_layers[0].update()
         assert "being read" in shown(scene).notes[0]
         while character_cache.bake_some() is not None:
             pass
-        after = shown(scene).cast
+        after = shown(scene).bodies
         assert after is not before
     assert len(after.characters[0].frames) == 12
 
@@ -172,7 +172,7 @@ def test_every_mode_and_color_is_drawn(scene):
             settings.overlay_color = color
             now = shown(scene)
             assert now.problem is None and now.notes == ()
-            assert (now.cast is None) == (mode == "POINTS") == (now.batches.draws == ())
+            assert (now.bodies is None) == (mode == "POINTS") == (now.batches.draws == ())
     settings.overlay_culled = False
     assert shown(scene).batches.points is not None
     settings.overlay_mode = "BOXES"
@@ -187,7 +187,7 @@ def test_lod_meshes_of_other_settings_say_so(scene):
 
 def test_another_file_lets_everything_go(scene):
     display = with_meshes(scene)
-    kept = [weakref.ref(it) for it in (display, display.cast, display.frame.trajectory)]
+    kept = [weakref.ref(it) for it in (display, display.bodies, display.frame.trajectory)]
     del display
     assert scene_cache.forget in bpy.app.handlers.load_pre
     scene_cache.forget()

@@ -7,9 +7,9 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd.leave_outs import STATIC, STILL
-from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
 from crowd_lod_extension.crowd_lod.frame.agent_under_cursor import Account
 from crowd_lod_extension.crowd_lod.frame.reasons import REASONS
+from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap
 from crowd_lod_extension.operators.blender.cameras import camera_from
 from crowd_lod_extension.operators.blender.color_space import to_srgb
 from crowd_lod_extension.operators.lod_meshes.make_lods import TINTS
@@ -47,7 +47,7 @@ def test_lines_tell_all_figures_of_the_frame():
     assert said[4:] == ["Triangles  20 k of 50 k without LOD", "Largest error  0.432 px"]
     frame = replace(frame, hidden=np.arange(6) > 4)
     (line,) = (line for line in hud.figures(frame, by_level(frame)) if "scenery" in line.text)
-    assert line == hud.Line("Hidden by scenery  1", HIDDEN[:3])
+    assert line == hud.HudLine("Hidden by scenery  1", HIDDEN[:3])
 
 
 def test_lines_of_lods_bear_their_tints_and_an_agent_that_of_its_own():
@@ -120,7 +120,7 @@ def test_an_empty_crowd_has_its_lines_too():
 
 
 def test_narrow_and_low_viewports_break_lines_and_leave_the_last_out():
-    said = (hud.Line("one two three four", (1.0, 0.0, 0.0)), hud.Line("five"))
+    said = (hud.HudLine("one two three four", (1.0, 0.0, 0.0)), hud.HudLine("five"))
     assert hud.wrap_lines(said, 80, 9) == list(said)
     narrow = hud.wrap_lines(said, 9, 9)
     assert texts(narrow) == ["one two", "  three", "  four", "five"]

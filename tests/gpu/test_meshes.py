@@ -14,7 +14,7 @@ from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import mesh_data, removal
 from crowd_lod_extension.operators.overlay import gpu_batches, shader_programs, skinned_characters
 from crowd_lod_extension.operators.overlay.draw_data import Drawing
-from crowd_lod_extension.operators.overlay.gpu_batches import Batches, Cast
+from crowd_lod_extension.operators.overlay.gpu_batches import Batches, GpuBodies
 from crowd_lod_extension.operators.overlay.gpu_draw import paint, view_buffer
 from crowd_lod_extension.operators.overlay.skinned_characters import bake_character
 from mathutils import Matrix, kdtree
@@ -88,16 +88,18 @@ def characters(scene):
 
 
 @pytest.fixture(scope="module", params=["FRAMES", "JOINTS"])
-def cast(characters, request):
+def bodies(characters, request):
     """Meshes skinned at each frame of the action beforehand, and skinned while they are drawn, as
     very large ones are.
     """
     with pytest.MonkeyPatch.context() as patch:
         if request.param == "JOINTS":
             patch.setattr(gpu_batches, "MOST_SKINNED", 0)
-        cast = Cast((), characters)
-    assert all(cast.kind(level, group) == request.param for level in range(3) for group in range(3))
-    return cast
+        bodies = GpuBodies((), characters)
+    assert all(
+        bodies.kind(level, group) == request.param for level in range(3) for group in range(3)
+    )
+    return bodies
 
 
 def instances(rows, draws, **others):
@@ -115,12 +117,12 @@ def row(x, y, z=0.0, heading=0.0, phase=0.0, color=0, pitch=0.0, roll=0.0):
     return x, y, z, heading, phase, color, pitch, roll
 
 
-def placed(what, cast, group, level) -> np.ndarray:
+def placed(what, bodies, group, level) -> np.ndarray:
     """Where the shader puts each vertex of the mesh, (agents, vertices, 3): the pixels of a float32
     target.
     """
-    mesh = cast.characters[group].meshes[level]
-    kind = cast.kind(level, group)
+    mesh = bodies.characters[group].meshes[level]
+    kind = bodies.kind(level, group)
     info = shader_programs.mesh_interface(kind)
     between = gpu.types.GPUStageInterfaceInfo("crowd_lod_read_back")
     between.flat("VEC3", "world")
@@ -140,7 +142,7 @@ def placed(what, cast, group, level) -> np.ndarray:
     info.vertex_source(shader_programs.source("common.glsl") + main)
     info.fragment_source("void main() { result = vec4(world, 1.0); }")
     shader = gpu.shader.create_from_info(info)
-    batches = Batches(what, cast)
+    batches = Batches(what, bodies)
     columns_of = {name: getattr(mesh, name) for name in ("joints", "weights")}
     points = gpu_batches.batch_of(
         {"position": mesh.points, "normal": mesh.normals, **columns_of}, None, "POINTS"
@@ -155,7 +157,7 @@ def placed(what, cast, group, level) -> np.ndarray:
             shader.uniform_block("view", batches.view)
             shader.uniform_sampler("agents", batches.agents)
             shader.uniform_sampler("palette", batches.palette)
-            cast.bind(shader, level, group)
+            bodies.bind(shader, level, group)
             shader.uniform_int("base", 0)
             gpu.state.program_point_size_set(
                 True
@@ -191,16 +193,18 @@ def some_rows(count):
 
 @pytest.mark.parametrize("group", [0, 1, 2])
 @pytest.mark.parametrize("level", [0, 1, 2])
-def test_the_shader_skins_as_numpy_does(cast, group, level):
+def test_the_shader_skins_as_numpy_does(bodies, group, level):
     what = instances(some_rows(7), [(level, group, 0, 7)], turn=0.7)
-    difference = placed(what, cast, group, level) - expected(what, cast.characters[group], level)
+    difference = placed(what, bodies, group, level) - expected(
+        what, bodies.characters[group], level
+    )
     assert np.abs(difference).max() < 1e-5
 
 
 @pytest.mark.parametrize("group", [0, 1])
 @pytest.mark.parametrize("level", [0, 1, 2])
-def test_the_shader_skins_as_blender_does(scene, cast, group, level):
-    character = cast.characters[group]
+def test_the_shader_skins_as_blender_does(scene, bodies, group, level):
+    character = bodies.characters[group]
     home = homes(scene, group)[level]
     items = [item for item in home.all_objects if item.type == "MESH"]
     assert len(items) == (3 if group == 0 else 1)
@@ -211,7 +215,7 @@ def test_the_shader_skins_as_blender_does(scene, cast, group, level):
         for frame in (0, 7, len(character.frames) - 1):
             phase = frame / (len(character.frames) - 1)
             what = instances([row(0, 0, phase=phase)], [(level, group, 0, 1)])
-            mine = placed(what, cast, group, level)[0].astype(float)
+            mine = placed(what, bodies, group, level)[0].astype(float)
             stage.frame_set(1 + frame)
             depsgraph = stage.view_layers[0].depsgraph
             blenders = np.concatenate(
@@ -291,7 +295,7 @@ def test_what_joints_cannot_express_is_measured_and_told(scene):
 
 
 def picture(
-    what, cast, eye=(0, -12, 1.0), background=(0, 0, 0, 1)
+    what, bodies, eye=(0, -12, 1.0), background=(0, 0, 0, 1)
 ) -> tuple[np.ndarray, np.ndarray]:
     """((HEIGHT, WIDTH, 3) float32 bottom row first, the matrix to clip space), seen along +y."""
     view = np.linalg.inv(np.array(Matrix.Translation(eye) @ Matrix.Rotation(np.pi / 2, 4, "X")))
@@ -308,7 +312,7 @@ def picture(
         with canvas.bind():
             buffer = gpu.state.active_framebuffer_get()
             buffer.clear(color=background, depth=1.0)
-            paint(Batches(what, cast), view, projection, (WIDTH, HEIGHT), 1.0)
+            paint(Batches(what, bodies), view, projection, (WIDTH, HEIGHT), 1.0)
             pixels = buffer.read_color(0, 0, WIDTH, HEIGHT, 4, 0, "FLOAT")
         return np.asarray(memoryview(pixels), np.float32).reshape(HEIGHT, WIDTH, 4)[
             ..., :3
@@ -325,7 +329,7 @@ def hue(pixels) -> np.ndarray:
     return np.where(pixels.any(axis=-1), likeness.argmax(axis=-1), -1)
 
 
-def test_agents_stand_on_their_pixels_at_their_lod(cast):
+def test_agents_stand_on_their_pixels_at_their_lod(bodies):
     rows = [
         row(-4.2, 0, heading=0.3, phase=0.1, color=0),
         row(-2.4, 2, heading=2.0, phase=0.5, color=1),
@@ -336,11 +340,11 @@ def test_agents_stand_on_their_pixels_at_their_lod(cast):
     ]
     draws = [(0, 0, 0, 1), (0, 1, 1, 1), (1, 0, 2, 1), (1, 2, 3, 1), (2, 0, 4, 1), (2, 1, 5, 1)]
     what = instances(rows, draws, turn=0.4)
-    pixels, matrix = picture(what, cast)
+    pixels, matrix = picture(what, bodies)
     found = hue(pixels)
     for k, (level, group, _, _) in enumerate(draws):
         mine = replace(what, agents=what.agents[k : k + 1])
-        points = expected(mine, cast.characters[group], level)[0]
+        points = expected(mine, bodies.characters[group], level)[0]
         clip = np.concatenate([points, np.ones_like(points[:, :1])], axis=1) @ matrix.T
         place = (clip[:, :2] / clip[:, 3:] + 1) / 2 * (WIDTH, HEIGHT)
         v, u = np.nonzero(found == k)
@@ -352,9 +356,9 @@ def test_agents_stand_on_their_pixels_at_their_lod(cast):
 
 def test_both_ways_of_skinning_draw_the_same(characters, monkeypatch):
     what = instances(some_rows(7), [(0, 0, 0, 3), (1, 1, 3, 2), (2, 2, 5, 2)])
-    frames, _ = picture(what, Cast((), characters))
+    frames, _ = picture(what, GpuBodies((), characters))
     monkeypatch.setattr(gpu_batches, "MOST_SKINNED", 0)
-    joints, _ = picture(what, Cast((), characters))
+    joints, _ = picture(what, GpuBodies((), characters))
     off = np.abs(frames - joints).max(axis=-1)
     assert (joints > 0).any(axis=-1).sum() > 2000
     assert (
@@ -362,13 +366,13 @@ def test_both_ways_of_skinning_draw_the_same(characters, monkeypatch):
     ).sum() <= 10  # pixels on edges, which rounding gives to the one triangle or the other
 
 
-def test_back_faces_of_closed_meshes_are_not_missed(cast):
+def test_back_faces_of_closed_meshes_are_not_missed(bodies):
     rows = [row(-1, 0, heading=0.5), row(1, 0, heading=-2)]
     what = instances(rows, [(0, 0, 0, 2)])
-    body = cast.characters[0]
+    body = bodies.characters[0]
     assert body.meshes[0].closed
-    opened = Cast((), (replace(body, meshes=(replace(body.meshes[0], closed=False),)),))
-    one, other = (picture(what, each, (0, -4, 1))[0] for each in (cast, opened))
+    opened = GpuBodies((), (replace(body, meshes=(replace(body.meshes[0], closed=False),)),))
+    one, other = (picture(what, each, (0, -4, 1))[0] for each in (bodies, opened))
     assert (one.any(axis=-1) == other.any(axis=-1)).all()
     assert (np.abs(one - other) > 0.02).any(
         axis=-1

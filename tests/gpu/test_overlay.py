@@ -1,4 +1,4 @@
-"""The overlay's points and lines, drawn without a window and read back."""
+"""The overlay's points and lines, bodies without a window and read back."""
 
 from dataclasses import replace
 

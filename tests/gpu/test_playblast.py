@@ -14,7 +14,7 @@ from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.overlay import playblast
 from crowd_lod_extension.operators.overlay.draw_data import Style, drawing
-from crowd_lod_extension.operators.overlay.gpu_batches import Batches, Cast
+from crowd_lod_extension.operators.overlay.gpu_batches import Batches, GpuBodies
 from crowd_lod_extension.operators.overlay.gpu_draw import paint
 from crowd_lod_extension.operators.scene.scene_crowd import SceneCrowd
 
@@ -47,7 +47,7 @@ def boxes(scene):
     groups = groups_of(scene.crowd_lod)
     what = drawing(frame_now(scene, scene.view_layers[0].depsgraph), Style("BOXES", culled=False))
     return Batches(
-        replace(what, lines=what.lines[:0], line_colors=what.line_colors[:0]), Cast(groups, ())
+        replace(what, lines=what.lines[:0], line_colors=what.line_colors[:0]), GpuBodies(groups, ())
     )
 
 

@@ -3,8 +3,8 @@
 import json
 
 import numpy as np
-from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
 from crowd_lod_extension.crowd_lod.crowd.state_machine import parse
+from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap
 
 
 def machine_of(states, edge="clamp", labels=("ground", "wall")):

@@ -1,14 +1,15 @@
 """The plaza's people filmed by a camera that flies into them, surveyed without Blender."""
 
 import numpy as np
-from crowd_lod_extension.crowd_lod.animation.phase_classes import Library
+from crowd_lod_extension.crowd_lod.animation.phase_classes import Cast
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
-from crowd_lod_extension.crowd_lod.crowd.agents import Group, populate
+from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, window
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
-from crowd_lod_extension.crowd_lod.shot.recording import Recorder, begin_recording
+from crowd_lod_extension.crowd_lod.shot.recording import FrameRecorder, begin_recording
+from crowd_lod_extension.crowd_lod.world.first_frame import populate
 from crowd_lod_extension.sample_scenes import plaza_map
 
 GROUPS = tuple(
@@ -22,9 +23,9 @@ GROUPS = tuple(
 POLICY = LevelPolicy((0.0,) * 2, tolerance=1.0)
 
 
-def library():
+def cast_of_rigs():
     """The characters of the groups, all of which rigs move."""
-    return Library(np.zeros(len(GROUPS), np.intp))
+    return Cast(np.zeros(len(GROUPS), np.intp))
 
 
 def plaza_shot(agents, frames):
@@ -33,12 +34,12 @@ def plaza_shot(agents, frames):
     world = plaza_map.plan(machine)
     crowd = populate(agents, 7, len(GROUPS), machine, world)
     trajectory = Walk(crowd, machine, world, GROUPS, 1 / 24)
-    cast = library()
+    cast = cast_of_rigs()
     gaits = trajectory.gaits
     first = cast.first(gaits)
     roles = cast.roles(gaits)
     recording = begin_recording(frames, frames, crowd.group, first, cast, roles)
-    with Recorder(recording) as recorder:
+    with FrameRecorder(recording) as recorder:
         for f, time in enumerate(frames):
             frame = plan(trajectory, camera(f / len(frames)), POLICY, time)
             recorder.add(frame)

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..crowd.agents import CLASSES, Crowd, Shares
+from ..crowd.state_machine import StateMachine
 from ..errors import CrowdError
-from . import leave_outs
-from .agents import CLASSES, Crowd, Shares, check_counts, place_agents
+from . import needless
+from .first_frame import check_counts, place_agents
 from .maps import Area, LabelMap
-from .state_machine import StateMachine
 
 # Places drawn on a surface until one stays, at most.
 TRIES = 20_000
@@ -309,7 +310,7 @@ def _along(points: np.ndarray, lengths: np.ndarray, count: int, turn: float) -> 
 
 def stays(machine: StateMachine, world: LabelMap) -> bool:
     """Return whether no agent ever moves, wherever it starts."""
-    return not leave_outs.reachable_velocities(machine, world, np.flatnonzero(machine.start)).any()
+    return not needless.reachable_velocities(machine, world, np.flatnonzero(machine.start)).any()
 
 
 def allowed_agents(places: Places, machine: StateMachine, world: LabelMap) -> np.ndarray:

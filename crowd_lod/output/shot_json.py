@@ -21,7 +21,7 @@ def shot_facts(
     overrides: Sequence[dict[str, Any]],
     points: Sequence[BudgetPoint] = (),
 ) -> dict[str, Any]:
-    """Return the fields `preview`, `left_out`, `frames`, `made_for` and `shot` of plan.json.
+    """Return the fields `preview`, `left_out`, `frames`, `made_of` and `shot` of plan.json.
 
     They hold no times, so that two runs give the same file.
     requested: the settings of the plan: Pop Reduction, and the budget.
@@ -39,7 +39,7 @@ def shot_facts(
             for stage, reason in reasons
         ],
         "frames": shot_rows(report),
-        "made_for": dict(stored.made_for),
+        "made_of": dict(stored.made_of),
         "shot": {
             "frames": stored.numbers.tolist(),
             "engine": shot.costs.engine,

@@ -24,13 +24,13 @@ _read_at: dict[int, int] = scene_cache.add_cache({}, by_scene=True)
 
 
 @hold(lambda _: provenance.changes)
-def cast_inputs(scene: bpy.types.Scene) -> dict[str, str]:
+def character_inputs(scene: bpy.types.Scene) -> dict[str, str]:
     """Return the digest of each character and of each LOD of it, by names such as "LOD 1 of adult".
 
     Of a scene without usable characters they are none. A change that Blender does not tell of is
     seen a second later; provenance.look_afresh() sees all.
     """
-    return dict(_read_cast(scene))
+    return dict(_read_inputs(scene))
 
 
 @hold(lambda _: provenance.changes)
@@ -89,11 +89,11 @@ def read_some() -> float | None:
 
 
 def reading(scene: bpy.types.Scene) -> Iterator[float]:
-    """Read what is not known of characters and LODs, so that cast_inputs looks them up.
+    """Read what is not known of characters and LODs, so that character_inputs looks them up.
 
     Yields between the parts.
     """
-    if cast_inputs.holds(scene):
+    if character_inputs.holds(scene):
         return
     with suppress(CrowdError):  # missing characters are told elsewhere
         for character in all_characters(scene):
@@ -101,13 +101,13 @@ def reading(scene: bpy.types.Scene) -> Iterator[float]:
                 if block is not None:
                     provenance.content_of(block)
                     yield 0.0
-    for _ in _read_cast(scene):
+    for _ in _read_inputs(scene):
         yield 0.0
-    cast_inputs(scene)
+    character_inputs(scene)
 
 
 def reading_afresh(scene: bpy.types.Scene) -> Iterator[float]:
-    """Read again what characters and LODs are made of, so that cast_inputs tells all changes.
+    """Read again what characters and LODs are made of, so that character_inputs tells all changes.
 
     Yields between the parts.
     """
@@ -116,7 +116,7 @@ def reading_afresh(scene: bpy.types.Scene) -> Iterator[float]:
 
 
 def of_characters(inputs: dict[str, str]) -> dict[str, str]:
-    """Return those of cast_inputs that are of characters themselves."""
+    """Return those of character_inputs that are of characters themselves."""
     return {name: digest for name, digest in inputs.items() if name.startswith(CHARACTER)}
 
 
@@ -137,14 +137,14 @@ def _read_motions(scene: bpy.types.Scene) -> Iterator[tuple[str, str]]:
             yield MOTION + each.name, text_digest(_plays(scene, each.name, each.objects))
 
 
-def _read_cast(scene: bpy.types.Scene) -> Iterator[tuple[str, str]]:
+def _read_inputs(scene: bpy.types.Scene) -> Iterator[tuple[str, str]]:
     """Yield the name and the digest of each character, and of each LOD."""
     with suppress(CrowdError):  # missing characters are told elsewhere
-        cast = {}
+        objects_of = {}
         for character in all_characters(scene):
             name = character.name
             objects = character.objects
-            cast[name] = objects
+            objects_of[name] = objects
             _, of_actions = _plays(scene, name, objects)
             lods = [item for lod in character.given_lods for item in lod.objects]
             digest = provenance.character_digest([*objects, *lods])
@@ -158,4 +158,7 @@ def _read_cast(scene: bpy.types.Scene) -> Iterator[tuple[str, str]]:
                     continue
                 homes_read.add(home)
                 name = home.get(GROUP)
-                yield f"LOD {k} of {name}", provenance.level_digest(home, cast.get(name, []))
+                yield (
+                    f"LOD {k} of {name}",
+                    provenance.level_digest(home, objects_of.get(name, [])),
+                )
