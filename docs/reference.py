@@ -16,12 +16,13 @@ import crowd_lod_extension
 from crowd_lod_extension.operators import registration
 from crowd_lod_extension.operators.cli.arguments import parser
 from crowd_lod_extension.operators.settings.area_settings import CrowdLodArea
-from crowd_lod_extension.operators.settings.crowd_settings import CROWD
+from crowd_lod_extension.operators.settings.crowd_settings import CROWD_NAMES
 from crowd_lod_extension.operators.settings.override_settings import CrowdLodOverride
 from crowd_lod_extension.operators.settings.properties import (
     STEPS,
     CrowdLodGroup,
     CrowdLodSettings,
+    property_of,
 )
 
 DOCS = Path(__file__).parent
@@ -76,10 +77,14 @@ def type_of(prop: bpy.types.Property) -> str:
     return (f"{prop.array_length} {plain}s" if getattr(prop, "is_array", False) else plain) + unit
 
 
-def rows(names: Iterable[str], kind: type) -> Iterator[str]:
-    """Yield a row of a table for each property of the class of Blender's."""
-    for name in names:
-        prop: Any = kind.bl_rna.properties[name]
+def properties_of(kind: type) -> list[Any]:
+    """Return Blender's properties of the class itself."""
+    return [kind.bl_rna.properties[name] for name in kind.__annotations__]
+
+
+def rows(props: Iterable[Any]) -> Iterator[str]:
+    """Yield a row of a table for each of Blender's properties."""
+    for prop in props:
         description = prop.description
         if prop.type == "ENUM":
             description += "".join(
@@ -88,14 +93,14 @@ def rows(names: Iterable[str], kind: type) -> Iterator[str]:
                 if item.description
             )
         yield (
-            f"| `{name}` | {prop.name} | {type_of(prop)} | {default_of(prop)} | "
+            f"| `{prop.identifier}` | {prop.name} | {type_of(prop)} | {default_of(prop)} | "
             f"{range_of(prop)} | {description} |"
         )
 
 
-def section(title: str, about: str, names: Iterable[str], kind: type) -> str:
+def section(title: str, about: str, props: Iterable[Any]) -> str:
     about = textwrap.fill(about, 100)
-    return f"## {title}\n\n{about}\n\n" + "\n".join([HEAD, *rows(names, kind)]) + "\n"
+    return f"## {title}\n\n{about}\n\n" + "\n".join([HEAD, *rows(props)]) + "\n"
 
 
 def settings_page() -> str:
@@ -103,39 +108,37 @@ def settings_page() -> str:
     parts = [f"# Settings and operators, for scripts\n\n{WRITTEN}\n"]
     parts += [
         "The settings are properties of `scene.crowd_lod`, in the order of the work.\n"
+        f"Those from `{CROWD_NAMES[0]}` to `{CROWD_NAMES[-1]}` are of each crowd in its list\n"
+        "`crowds`: `scene.crowd_lod.count` is that of the first one. Who sets or reads it in a scene\n"
+        "without a crowd makes one. Drivers and keyframes take the path `crowd_lod.crowds[0].count`.\n"
         "A number of a length is in the scene's units.\n"
     ]
     for step, kinds in STEPS.items():
         about = " ".join(description(kind) for kind in kinds)
         names = [name for kind in kinds for name in kind.__annotations__]
-        parts.append(section(step, about, names, CrowdLodSettings))
-    names = [name for kind in CROWD for name in kind.__annotations__]
+        parts.append(section(step, about, map(property_of, names)))
     parts += [
         section(
             "What the steps made",
             "Read these; the buttons write them.",
-            CrowdLodSettings.__annotations__,
-            CrowdLodSettings,
+            properties_of(CrowdLodSettings),
         ),
         section(
             "Each of groups",
             "What was measured of a character group.",
-            CrowdLodGroup.__annotations__,
-            CrowdLodGroup,
+            properties_of(CrowdLodGroup),
         ),
-        f"## Each of crowds\n\nA further crowd has a `name`, and the settings above from "
-        f"`{names[0]}` to `{names[-1]}`.\n",
+        f"## Each of crowds\n\nA crowd has a `name`, and the settings above from "
+        f"`{CROWD_NAMES[0]}` to `{CROWD_NAMES[-1]}`.\n",
         section(
             "Each of areas",
             "A mesh or a collection that lays a label over the map.",
-            CrowdLodArea.__annotations__,
-            CrowdLodArea,
+            properties_of(CrowdLodArea),
         ),
         section(
             "Each of overrides",
             "An override of the shot plan.",
-            CrowdLodOverride.__annotations__,
-            CrowdLodOverride,
+            properties_of(CrowdLodOverride),
         ),
         operators(),
     ]

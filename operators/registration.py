@@ -125,6 +125,7 @@ HANDLERS = {
 }
 # what follows when settings change
 FOLLOWERS = {
+    "active_crowd": lambda settings: map_painting.follow_active(settings.id_data),
     "areas": lambda entry: map_areas.follow_soon(entry.id_data),
     "on_ground": scene_crowd.set_down,
     "shot_plan": plan_verdict.note_plan_file,

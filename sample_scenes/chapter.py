@@ -8,6 +8,7 @@ import numpy as np
 
 from ..crowd_lod.crowd.state_machine import parse, preset_text
 from ..operators.blender import image_data
+from ..operators.settings.crowds import first_crowd
 from .characters import make_characters
 from .scenery import add, aim, camera, child, film, material, tile
 
@@ -37,13 +38,14 @@ def make(scene: bpy.types.Scene) -> None:
     settings = scene.crowd_lod
     settings.characters = characters
     settings.forward = "X"
-    settings.count = 4096
-    settings.seed = 1
-    settings.center = (0, 0, 0)
-    settings.size = (SIZE, SIZE)
-    settings.map_image = image_data.write_image("Chapter map", table.label_colors[labels])
-    settings.machine = machine
-    settings.first_frame = 1
+    crowd = first_crowd(settings)
+    crowd.count = 4096
+    crowd.seed = 1
+    crowd.center = (0, 0, 0)
+    crowd.size = (SIZE, SIZE)
+    crowd.map_image = image_data.write_image("Chapter map", table.label_colors[labels])
+    crowd.machine = machine
+    crowd.first_frame = 1
     settings.frames = ""
     settings.step = 10
     settings.width = 960

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..crowd_lod.crowd.state_machine import parse, preset_text
 from ..operators.blender import image_data
+from ..operators.settings.crowds import first_crowd
 from . import plaza_map as site
 from .characters import make_characters
 from .scenery import add, animate, box, camera, child, film, lathe, material, tile, windows
@@ -49,13 +50,14 @@ def make(scene: bpy.types.Scene) -> None:
     settings = scene.crowd_lod
     settings.characters = characters
     settings.forward = "X"
-    settings.count = 10_000
-    settings.seed = 7
-    settings.center = (0, 0, 0)
-    settings.size = (site.SIZE, site.SIZE)
-    settings.map_image = image_data.write_image("Plaza map", table.label_colors[world.labels])
-    settings.machine = machine
-    settings.first_frame = 1
+    crowd = first_crowd(settings)
+    crowd.count = 10_000
+    crowd.seed = 7
+    crowd.center = (0, 0, 0)
+    crowd.size = (site.SIZE, site.SIZE)
+    crowd.map_image = image_data.write_image("Plaza map", table.label_colors[world.labels])
+    crowd.machine = machine
+    crowd.first_frame = 1
     settings.frames = ""
     settings.step = 10
     settings.width = 960

@@ -44,17 +44,18 @@ def make(scene: bpy.types.Scene) -> None:
     settings = scene.crowd_lod
     settings.characters = characters
     settings.forward = "X"
-    settings.source = "FILE"
-    settings.tracks_file = str(TRACKS)
-    settings.terrain = floors
-    settings.seed = 4
-    settings.first_frame = 1
+    for name in ("Walking", "Waiting"):
+        settings.crowds.add().name = name
+    walking, waiting = settings.crowds
+    walking.source = "FILE"
+    walking.tracks_file = str(TRACKS)
+    walking.terrain = floors
+    walking.seed = 4
+    walking.first_frame = 1
     settings.frames = ""
     settings.step = 20
     settings.width = 960
     settings.margin_kind = "DERIVED"
-    waiting = settings.crowds.add()
-    waiting.name = "Waiting"
     waiting.count = 60
     waiting.seed = 2
     waiting.terrain = floors
@@ -66,7 +67,7 @@ def make(scene: bpy.types.Scene) -> None:
     waiting.size = x1 - x0, y1 - y0
     layer = scene.view_layers[0]
     layer.update()
-    for crowd in (settings, waiting):
+    for crowd in settings.crowds:
         terrain_source.read_terrain(crowd, layer.depsgraph)
 
 

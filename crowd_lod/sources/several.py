@@ -205,10 +205,12 @@ class Several(Trajectory):
         return several
 
     def digests(self) -> dict[str, bytes]:
-        """Return those of the first crowd, and all of the others' together."""
-        parts = [
-            f"{name} {shown}".encode() for name, shown in zip(self.names, self.shown, strict=True)
-        ]
+        """Return those of the first crowd, and all of the others' together.
+
+        The first crowd's name is left out: states do not have it.
+        """
+        names = ("", *self.names[1:])
+        parts = [f"{name} {shown}".encode() for name, shown in zip(names, self.shown, strict=True)]
         parts += [data for member in self.members[1:] for data in member.digests().values()]
         return self.members[0].digests() | {"a further crowd": b"\0".join(parts)}
 

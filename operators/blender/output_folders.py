@@ -145,7 +145,7 @@ def _paths() -> Iterator[tuple[bpy.types.PropertyGroup, str]]:
     for scene in bpy.data.scenes:
         if scene.library is None:
             yield scene.crowd_lod, "shot_plan"
-            for crowd in (scene.crowd_lod, *scene.crowd_lod.crowds):
+            for crowd in scene.crowd_lod.crowds:
                 yield crowd, "tracks_file"
 
 

@@ -11,6 +11,7 @@ from ...crowd_lod.messages import Message, MessageKind
 from ..blender import scene_data
 from ..blender.named_actions import action_names
 from ..machine.scene_world import machine_of
+from ..settings.crowds import crowds_of
 
 SLIDES = 0.01  # meters in a cycle: feet that slide less do not count
 
@@ -21,9 +22,7 @@ def notes_on_actions(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterato
     groups: as just measured.
     """
     machines = [
-        machine_of(crowd)
-        for crowd in (scene.crowd_lod, *scene.crowd_lod.crowds)
-        if crowd.source == "MACHINE"
+        machine_of(crowd) for crowd in crowds_of(scene.crowd_lod) if crowd.source == "MACHINE"
     ]
     for group in groups:
         if group.variant_of:

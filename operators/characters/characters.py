@@ -8,11 +8,11 @@ import bpy
 from ...crowd_lod.crowd.agents import MOST_GROUPS, Group
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.messages import Message, MessageKind
-from ..blender import stored_values
 from ..blender.character_objects import WITHOUT_FACES, is_stage, may_have_faces, parts
 from ..blender.ownership import OWNED
 from ..blender.references import closure_of
 from ..machine import terrain_source
+from ..settings.crowds import check_stored, crowds_of
 from .given_lods import CharacterGroup, GivenLod, Owner, label_of, with_given_lods
 from .rig_needs import Characters
 from .wardrobe import wardrobe_of
@@ -54,7 +54,7 @@ def all_characters(scene: bpy.types.Scene) -> list[Character]:
     A group is a child collection of the characters' collection, or one of its objects with all that
     is parented to it. What is_stage is left out. CrowdError if there is no usable group.
     """
-    stored_values.check(scene.crowd_lod)
+    check_stored(scene.crowd_lod)
     top = scene.crowd_lod.characters
     if top is None:
         raise CrowdError(
@@ -141,8 +141,7 @@ def _groups_as_they_lie(
     scene: bpy.types.Scene, top: bpy.types.Collection
 ) -> Iterator[tuple[Owner, list[bpy.types.Object], tuple]]:
     """Yield (owner, objects, origin) of each child of `top`; LODs of one may be several."""
-    settings = scene.crowd_lod
-    ground = terrain_source.grounds_of([settings, *settings.crowds])
+    ground = terrain_source.grounds_of(crowds_of(scene.crowd_lod))
     for child in top.children:
         if not is_stage(child.all_objects) and not ground.issuperset(child.all_objects[:] or [top]):
             yield child, list(child.all_objects), tuple(child.instance_offset)

@@ -10,6 +10,7 @@ from ...crowd_lod.errors import CrowdError
 from ..blender.character_objects import GEOMETRY, WITHOUT_FACES
 from ..blender.labeled_properties import EnumProperty
 from ..blender.operator import Reporting
+from ..settings.crowds import first_crowd
 from .characters import groups_in
 from .selection_reading import Reading, is_fixed, read_selection
 from .walk_choice import take_walks
@@ -183,6 +184,7 @@ class CROWDLOD_OT_characters_from_selection(Reporting, bpy.types.Operator):
             top = scene.crowd_lod.characters = bpy.data.collections.new("Characters")
         if top not in scene.collection.children_recursive:
             scene.collection.children.link(top)
+        first_crowd(scene.crowd_lod)
         for root, items in moved.items():
             home = _home(top, root)
             for item in items:

@@ -12,6 +12,7 @@ from ..blender.named_actions import own_performance
 from ..blender.operator import Reporting
 from ..machine.scene_world import machine_of
 from ..settings import needs
+from ..settings.crowds import crowds_of
 from .action_fits import Fit, best, choose_action, take
 from .characters import all_characters
 from .walk_choice import is_called_a_walk, walk_among
@@ -33,8 +34,8 @@ def gliding(scene: bpy.types.Scene) -> dict[str, bpy.types.Object]:
 
 
 def _somebody_walks(scene: bpy.types.Scene) -> bool:
-    crowds = (scene.crowd_lod, *scene.crowd_lod.crowds)
-    return any(crowd.source != "MACHINE" or _walks(crowd) for crowd in crowds if crowd.use_crowd)
+    crowds = [crowd for crowd in crowds_of(scene.crowd_lod) if crowd.use_crowd]
+    return any(crowd.source != "MACHINE" or _walks(crowd) for crowd in crowds)
 
 
 def nodding(scene: bpy.types.Scene) -> dict[str, tuple[bpy.types.Object, Fit]]:

@@ -21,6 +21,7 @@ from ..render_setup.render_setup import remove_build
 from ..scene.populate import populate_scene
 from ..scene.scene_crowd import characters_of, trajectory_of
 from ..settings.crowd_settings import CharacterSettings
+from ..settings.crowds import first_crowd
 from ..settings.level_settings import LevelSettings
 from .options import add_command, add_out, add_setting, apply_settings, to_path
 from .scene_files import blend_path, finish, first_line, open_scene, save
@@ -91,21 +92,21 @@ def new_scene(args) -> dict:
         source = _object(args.source, characters)
         is_own_ground = ground is not None and ground.samefile(characters)
         scenery = _empty(scene, source, is_own_ground)
-        settings = scene.crowd_lod
+        crowd = first_crowd(scene.crowd_lod)
         if ground is not None:
-            settings.terrain = scenery if is_own_ground else _add_ground(scene, ground)
+            crowd.terrain = scenery if is_own_ground else _add_ground(scene, ground)
         if source is None:
-            settings.source = "FILE"
-            settings.tracks_file = str(tracks)
-            apply_settings(args, settings)
+            crowd.source = "FILE"
+            crowd.tracks_file = str(tracks)
+            apply_settings(args, scene.crowd_lod)
         else:
-            settings.source = "POINTS"
-            settings.points = source
+            crowd.source = "POINTS"
+            crowd.points = source
         sentence = finish(_filled(scene), f"scene of {path.stem}", args.quiet)
         if source is None:
             with suppress(ValueError):  # on another drive
                 # saving makes it relative to the new file
-                settings.tracks_file = bpy.path.relpath(str(tracks))
+                crowd.tracks_file = bpy.path.relpath(str(tracks))
         save(part, path)
     count = scene.frame_end - scene.frame_start + 1
     return {
@@ -255,7 +256,7 @@ def _filled(scene: bpy.types.Scene) -> Generator[float, None, str]:
     """Populate the scene, add camera and light: yield the progress, return a sentence."""
     work = Workload(2)  # populating takes about as long as looking where agents are
     sentence, warnings = yield from work.take(populate_scene(scene), 1)
-    if scene.crowd_lod.source == "FILE":
+    if first_crowd(scene.crowd_lod).source == "FILE":
         trajectory = trajectory_of(scene)
         last = _last(trajectory)
         if last > MOST_FRAME:

@@ -16,7 +16,7 @@ from ...crowd_lod.frame.frame_range import parse_frames
 from ...crowd_lod.output import files
 from ...crowd_lod.shot import plan_file
 from ..blender import scene_data
-from ..settings.properties import CrowdLodSettings
+from ..settings.properties import property_of
 from .scene_files import open_scene
 
 Run = Callable[[argparse.Namespace], dict[str, Any]]
@@ -69,12 +69,12 @@ def add_setting(
     metavar: str = "",
     usual: str = "the scene's",
 ) -> None:
-    """Add the `option` that sets the scene's setting `name`.
+    """Add the `option` that sets the setting `name` of the scene, or of its first crowd.
 
     metavar: the name of its value in the help; "" for a switch or a choice.
     usual: what the help says of the value without the option.
     """
-    setting: Any = CrowdLodSettings.bl_rna.properties[name]
+    setting = property_of(name)
     if setting.type == "BOOLEAN":
         takes: dict[str, Any] = {"nargs": 0}
     elif setting.type == "ENUM":
@@ -95,7 +95,7 @@ def add_setting(
 
 def choices_of(name: str) -> list[str]:
     """Return the values of a setting that is a choice, as a command line has them."""
-    setting: Any = CrowdLodSettings.bl_rna.properties[name]
+    setting = property_of(name)
     return [item.identifier.lower().replace("_", "-") for item in setting.enum_items]
 
 
@@ -119,7 +119,7 @@ def open_shot(args: argparse.Namespace) -> bpy.types.Scene:
 def apply_settings(args: argparse.Namespace, settings: bpy.types.PropertyGroup) -> None:
     """Set the settings that the command's options give; CrowdError if one is out of range."""
     for option, name, value in args.settings:
-        setting: Any = settings.bl_rna.properties[name]
+        setting = property_of(name)
         if setting.type in ("INT", "FLOAT"):
             check_range(option, value, setting.hard_min, setting.hard_max)
         setattr(settings, name, value)

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from ...crowd_lod.format import printable
 from ...crowd_lod.output import files
+from ..settings.crowds import first_crowd
 from ..sources import simulate
 from .options import add_command, add_out, add_scene, add_setting, open_shot
 from .scene_files import blend_path, finish, save, stem_of
@@ -33,6 +34,7 @@ def simulate_scene(args) -> dict:
     tracks = path.with_suffix(".sqlite")
     with files.staged(path.parent, path.name, tracks.name) as hidden:
         settings = open_shot(args).crowd_lod
+        first_crowd(settings)
         steps = simulate.simulate_crowd(settings.id_data, 0, hidden / tracks.name)
         sentence = finish(steps, f"simulation of {stem}", args.quiet)
         simulate.follow(settings.id_data, 0, f"//{tracks.name}")

@@ -202,11 +202,12 @@ def _differ(_, made_of: Parts, parts: Parts) -> list[Change]:
 
 
 def _no_crowd(scene: bpy.types.Scene) -> str:
-    return "" if len(scene.crowd_lod.groups) else "there is no crowd"
+    settings = scene.crowd_lod
+    return "" if len(settings.groups) and len(settings.crowds) else "there is no crowd"
 
 
 def _crowd_made_of(scene: bpy.types.Scene) -> Parts | None:
-    return crowd_made_of(scene) if len(scene.crowd_lod.groups) else None
+    return None if _no_crowd(scene) else crowd_made_of(scene)
 
 
 def _settle_crowd(scene: bpy.types.Scene, made_of: Parts, parts: Parts) -> list[Change]:

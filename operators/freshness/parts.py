@@ -21,6 +21,7 @@ from ..scene.scene_crowd import SceneCrowd, read_crowd
 from ..scene.shot_overrides import digest_of
 from ..scene.shot_reference import ASKED, CAMERA, OVERRIDES, content_of, plan_inputs
 from ..settings.budgets import budget_of, budget_words, limits_levels
+from ..settings.crowds import crowds_of
 from ..sources.crowd_parts import GROUPS
 
 RATIOS = "ratios"
@@ -43,7 +44,6 @@ SETTINGS = (
     "margin",
     "shadows",
     "occlusion",
-    "tilt",
 )
 
 
@@ -158,7 +158,11 @@ def build_parts(crowd: SceneCrowd) -> dict[str, str]:
     render = scene.render
     homes = [home and home.name for home in (settings.mirrors, settings.occlusion_exclude)]
     return plan_inputs(crowd) | {
-        "the settings": text_digest(homes, *(getattr(settings, name) for name in SETTINGS)),
+        "the settings": text_digest(
+            homes,
+            *(getattr(settings, name) for name in SETTINGS),
+            *(crowd.tilt for crowd in crowds_of(settings)),
+        ),
         "the frame rate": text_digest(
             render.fps, render.fps_base, render.frame_map_old, render.frame_map_new
         ),

@@ -11,7 +11,8 @@ from ...crowd_lod.format import counted
 from ...crowd_lod.output import files
 from ..blender.labeled_properties import BoolProperty, EnumProperty, IntProperty, StringProperty
 from ..blender.operator import Reporting
-from .machine_editor import cell_of, change, draft_of, missing_text, selected_name
+from ..settings.crowds import active_or_new
+from .machine_editor import cell_of, change, draft_of, missing_text, selected_name, text_of
 
 LISTS = [("states", "State", "A state of the machine"), ("labels", "Label", "A label of the map")]
 
@@ -147,7 +148,7 @@ class _JsonFile:
     filter_glob: StringProperty(name="Filter", default="*.json", options={"HIDDEN"})
 
     def invoke(self, context, event) -> set[str]:
-        text = context.scene.crowd_lod.machine
+        text = text_of(context.scene)
         if not self.filepath and text is not None:
             self.filepath = text.name if text.name.endswith(".json") else f"{text.name}.json"
         context.window_manager.fileselect_add(self)
@@ -158,7 +159,7 @@ class _JsonFile:
 
 
 class CROWDLOD_OT_machine_import(_JsonFile, Reporting, bpy.types.Operator):
-    """Load a state machine from a JSON file into a text block of its own, and use it"""
+    """Load a state machine from a JSON file into a text of its own, for the active crowd"""
 
     bl_idname = "crowd_lod.machine_import"
     bl_label = "Import State Machine"
@@ -174,7 +175,7 @@ class CROWDLOD_OT_machine_import(_JsonFile, Reporting, bpy.types.Operator):
         machine = parse(content, path.name)
         text = bpy.data.texts.new(path.name)
         text.from_string(content)
-        context.scene.crowd_lod.machine = text
+        active_or_new(context.scene.crowd_lod).machine = text
         return (
             f"{text.name}: {counted(len(machine.states), 'state')}, "
             f"{counted(len(machine.labels), 'label')}."
@@ -188,7 +189,7 @@ class CROWDLOD_OT_machine_export(_JsonFile, _Editing, bpy.types.Operator):
     bl_label = "Export State Machine"
 
     def run(self, context) -> str:
-        text = context.scene.crowd_lod.machine
+        text = text_of(context.scene)
         parse(text.as_string(), text.name)
         path = self.path()
         with files.staged_file(path) as part:

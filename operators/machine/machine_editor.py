@@ -1,4 +1,4 @@
-"""The state machine that the sidebar edits: the scene's text, and no state besides it.
+"""The state machine that the sidebar edits: the active crowd's text, and no state besides it.
 
 The editor reads the text each time, and each edit writes it. So the sidebar shows at once what was
 typed into the text by hand, loaded, or undone.
@@ -11,15 +11,22 @@ from ...crowd_lod.crowd.machine_draft import Draft, draft
 from ...crowd_lod.crowd.machine_edits import Edit, edit_text
 from ...crowd_lod.errors import CrowdError
 from ..blender import scene_cache
+from ..settings.crowds import active_crowd
 from .scene_world import machine_text
 
 # By scene: the text when an edit was refused last, and the sentence that says why.
 _refused: dict[int, tuple[str, str]] = scene_cache.add_cache({}, by_scene=True)
 
 
+def text_of(scene: bpy.types.Scene) -> bpy.types.Text | None:
+    """Return the text of the active crowd's state machine, or None."""
+    crowd = active_crowd(scene.crowd_lod)
+    return crowd and crowd.machine
+
+
 def missing_text(scene: bpy.types.Scene) -> str:
-    """Return a sentence if the scene has no text to edit, else ""."""
-    text = scene.crowd_lod.machine
+    """Return a sentence if the active crowd has no text to edit, else ""."""
+    text = text_of(scene)
     if text is None:
         return "Choose a state machine of your own first, or one of the Presets"
     return (
@@ -30,17 +37,19 @@ def missing_text(scene: bpy.types.Scene) -> str:
 
 
 def draft_of(scene: bpy.types.Scene) -> Draft:
-    """Return the machine of the scene's text; that of the chapter if the text is empty.
+    """Return the machine of the active crowd's text; that of the chapter if the text is empty.
 
     Without a text the Draft is empty.
     """
-    text = scene.crowd_lod.machine
-    return Draft({}) if text is None else draft(machine_text(scene.crowd_lod), text.name)
+    crowd = active_crowd(scene.crowd_lod)
+    if crowd is None or crowd.machine is None:
+        return Draft({})
+    return draft(machine_text(crowd), crowd.machine.name)
 
 
 def problem_of(scene: bpy.types.Scene) -> str:
     """Return a sentence on the edit just refused, or on the text's first mistake; "" if none."""
-    text = scene.crowd_lod.machine
+    text = text_of(scene)
     if text is None:
         return ""
     left, sentence = _refused.get(scene.session_uid, ("", ""))
@@ -68,13 +77,13 @@ def cell_of(scene: bpy.types.Scene) -> tuple[str, str]:
 
 
 def change(scene: bpy.types.Scene, edit: Edit) -> None:
-    """Make the edit in the scene's text; CrowdError if it is refused, and the text stays."""
+    """Make the edit in the active crowd's text; CrowdError if it is refused, and the text stays."""
     lack = missing_text(scene)
     if lack:
         raise CrowdError(f"{lack}.")
     _refused.pop(scene.session_uid, None)
-    text = scene.crowd_lod.machine
-    new = edit_text(machine_text(scene.crowd_lod), text.name, edit)
+    text = text_of(scene)
+    new = edit_text(machine_text(active_crowd(scene.crowd_lod)), text.name, edit)
     if new != text.as_string():
         text.from_string(new)
 
@@ -89,7 +98,7 @@ def change_or_tell(scene: bpy.types.Scene, edit: Edit) -> None:
 
 def tell(scene: bpy.types.Scene, error: CrowdError) -> None:
     """Show in the sidebar why an edit was refused, until the text changes."""
-    text = scene.crowd_lod.machine
+    text = text_of(scene)
     _refused[scene.session_uid] = text.as_string() if text is not None else "", str(error)
 
 

@@ -1,4 +1,4 @@
-"""The fields of the state machine editor: each reads and writes the scene's text."""
+"""The fields of the state machine editor: each reads and writes the active crowd's text."""
 
 import math
 from collections.abc import Callable
@@ -20,8 +20,9 @@ from ..blender.labeled_properties import (
     IntProperty,
     StringProperty,
 )
+from ..settings.crowds import crowds_of
 from . import map_painting
-from .machine_editor import cell_of, change_or_tell, draft_of, selected_name, tell
+from .machine_editor import cell_of, change_or_tell, draft_of, selected_name, tell, text_of
 
 Accessors = dict[str, Callable]  # get and set of a property
 MOST_TARGETS = 32  # weights that a property of Blender's holds
@@ -97,8 +98,10 @@ def _name_field(kind: str) -> Accessors:
         before = selected_name(scene, kind)
         change_or_tell(scene, edits.rename(kind, before, value))
         if kind == "labels" and before not in draft_of(scene).labels:
-            for entry in scene.crowd_lod.areas:
-                entry.label = value if entry.label == before else entry.label
+            text = text_of(scene)
+            for crowd in crowds_of(scene.crowd_lod):
+                for entry in crowd.areas if crowd.machine == text else ():
+                    entry.label = value if entry.label == before else entry.label
 
     return {"get": lambda self: selected_name(self.id_data, kind), "set": store}
 
@@ -194,7 +197,7 @@ def _set_heading(self, value: float) -> None:
 def _show_map(self, value: bool) -> None:
     if not value:
         map_painting.hide(self.id_data)
-    elif self.id_data.crowd_lod.map_image is not None:
+    elif map_painting.map_of(self.id_data) is not None:
         try:
             map_painting.show(self.id_data)
         except CrowdError as error:
@@ -207,7 +210,7 @@ def _edge(self) -> int:
 
 
 class CrowdLodMachineEditor(bpy.types.PropertyGroup):
-    """A view of the scene's state machine: the selection, and fields that edit its text."""
+    """A view of the active crowd's state machine: the selection, and fields that edit its text."""
 
     state_index: IntProperty(
         name="State", min=0, description="The state that is selected in the list"
@@ -223,8 +226,8 @@ class CrowdLodMachineEditor(bpy.types.PropertyGroup):
     )
     show_map: BoolProperty(
         name="Show on Ground",
-        description="Show the label map on a plane over the crowd's ground, which renders leave "
-        "out",
+        description="Show the active crowd's label map on a plane over its ground, which renders "
+        "leave out",
         get=lambda self: map_painting.is_plane_shown(self.id_data),
         set=_show_map,
     )

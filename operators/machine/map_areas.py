@@ -16,6 +16,7 @@ from ...crowd_lod.world.maps import FARTHEST
 from ...crowd_lod.world.rasterize import cover_cells
 from ..blender import image_data, kept_meshes, provenance, removal, scene_cache, scene_data
 from ..blender.guard import guard, handler
+from ..settings.crowds import crowds_of
 from .scene_world import area_of, areas_hold, areas_inputs, machine_of
 
 LONGER_SIDE = 256  # cells along the ground's longer side, where no image says how many
@@ -51,7 +52,7 @@ def meshes_in(entry) -> list[bpy.types.Object]:
 
 
 def make(crowd, depsgraph: bpy.types.Depsgraph) -> int:
-    """Rasterize the areas of the settings `crowd` into their image; return the count of cells.
+    """Rasterize the areas of the crowd into their image; return the count of cells.
 
     A later area lies over an earlier one. CrowdError, before anything changes, if an area names no
     label, or has nothing to rasterize.
@@ -132,23 +133,27 @@ def moved_or_edited(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> N
 
     Not in renders and in the background, where the image of Populate serves.
     """
-    if bpy.app.background or not len(scene.crowd_lod.areas):
+    if bpy.app.background:
         return
-    watched = {item for entry in scene.crowd_lod.areas for item in meshes_in(entry)}
+    crowds = _with_areas(scene)
+    watched = {item for crowd in crowds for entry in crowd.areas for item in meshes_in(entry)}
     data = {item.data for item in watched}
     for update in depsgraph.updates:
         block = update.id.original
         moved = block in watched and (update.is_updated_transform or update.is_updated_geometry)
-        if moved or block in data or block == scene and _outdated(scene):
+        if moved or block in data or block == scene and any(map(_outdated, crowds)):
             follow_soon(scene)
             return
 
 
-def _outdated(scene: bpy.types.Scene) -> bool:
+def _with_areas(scene: bpy.types.Scene) -> list[bpy.types.PropertyGroup]:
+    return [crowd for crowd in crowds_of(scene.crowd_lod) if len(crowd.areas)]
+
+
+def _outdated(crowd) -> bool:
     """Return whether the areas were laid over another ground, map or state machine."""
-    settings = scene.crowd_lod
     with suppress(CrowdError):  # reported where the map is used
-        return not areas_hold(settings, machine_of(settings))
+        return not areas_hold(crowd, machine_of(crowd))
     return False
 
 
@@ -156,7 +161,7 @@ def _outdated(scene: bpy.types.Scene) -> bool:
 def undone(*_) -> None:
     """Handler of undo_post and redo_post: undo restores objects, and perhaps an older image."""
     for scene in bpy.data.scenes:
-        if len(scene.crowd_lod.areas):
+        if _with_areas(scene):
             follow_soon(scene)
 
 
@@ -174,12 +179,12 @@ def _follow() -> None:
     """Timer: make the images of scenes whose areas have changed."""
     for scene in [each for each in bpy.data.scenes if _due.pop(each.session_uid, False)]:
         depsgraph = scene.view_layers[0].depsgraph
-        try:
-            if depsgraph is not None:
-                make(scene.crowd_lod, depsgraph)
-            _trouble.pop(scene.session_uid, None)
-        except CrowdError as error:
-            _trouble[scene.session_uid] = str(error)
+        _trouble.pop(scene.session_uid, None)
+        for crowd in _with_areas(scene) if depsgraph is not None else ():
+            try:
+                make(crowd, depsgraph)
+            except CrowdError as error:
+                _trouble[scene.session_uid] = str(error)
 
 
 def unregister() -> None:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from contextlib import suppress
 
 import bpy
 import numpy as np
@@ -12,6 +13,7 @@ from ..blender import image_data, scene_data
 from ..blender.labeled_properties import IntProperty, StringProperty
 from ..blender.materials import switch_nodes_on
 from ..blender.operator import Reporting
+from ..settings.crowds import active_crowd, active_or_new
 from ..settings.lengths import set_lengths
 from . import map_areas
 from .scene_world import area_of, machine_of
@@ -23,26 +25,32 @@ ABOVE = 0.02  # meters of the plane above the ground, so that the two do not fli
 BRUSH = "Crowd LOD Label"
 
 
+def map_of(scene: bpy.types.Scene) -> bpy.types.Image | None:
+    """Return the active crowd's label map, or None."""
+    crowd = active_crowd(scene.crowd_lod)
+    return crowd and crowd.map_image
+
+
 def plane_of(scene: bpy.types.Scene) -> bpy.types.Object | None:
-    """Return the plane that shows the scene's label map, or None."""
+    """Return the plane that shows the active crowd's label map, or None."""
     return next((item for item in scene.objects if MARK in item and item.type == "MESH"), None)
 
 
 def is_plane_shown(scene: bpy.types.Scene) -> bool:
     """Return whether the plane exists and is shown."""
     plane = plane_of(scene)
-    return plane is not None and not plane.hide_viewport and bool(scene.crowd_lod.map_image)
+    return plane is not None and not plane.hide_viewport and map_of(scene) is not None
 
 
 def show(scene: bpy.types.Scene) -> bpy.types.Object:
-    """Return the plane with the scene's map, made if need be, over the crowd's ground.
+    """Return the plane with the active crowd's map, made if need be, over that crowd's ground.
 
     Renders do not show it. CrowdError without a map.
     """
-    image = scene.crowd_lod.map_image
-    area = area_of(scene.crowd_lod)
+    image = map_of(scene)
     if image is None:
-        raise CrowdError("The scene has no label map: press New Map, or choose an image.")
+        raise CrowdError("The crowd has no label map: press New Map, or choose an image.")
+    area = area_of(active_crowd(scene.crowd_lod))
     plane = plane_of(scene)
     if plane is None:
         plane = bpy.data.objects.new("Label Map", _square())
@@ -77,6 +85,18 @@ def hide(scene: bpy.types.Scene) -> None:
         bpy.ops.object.mode_set(mode="OBJECT")
     plane.hide_viewport = True
     _untextured(scene, plane)
+
+
+def follow_active(scene: bpy.types.Scene) -> None:
+    """Show the map of the crowd that is active now, if the plane is shown; hide it without one."""
+    plane = plane_of(scene)
+    if plane is None or plane.hide_viewport:
+        return
+    with suppress(CrowdError):  # its ground is too far off: told where the map is used
+        if map_of(scene) is None:
+            hide(scene)
+        else:
+            show(scene)
 
 
 def _square() -> bpy.types.Mesh:
@@ -148,7 +168,7 @@ def _untextured(scene: bpy.types.Scene, plane: bpy.types.Object) -> None:
 
 class CROWDLOD_OT_new_map(Reporting, bpy.types.Operator):
     bl_description = (
-        "Make a label map over the crowd's ground, all of the first label, and show it on a "
+        "Make a label map over the active crowd's ground, all of the first label, and show it on a "
         "plane to paint on"
     )
     bl_idname = "crowd_lod.new_map"
@@ -163,25 +183,23 @@ class CROWDLOD_OT_new_map(Reporting, bpy.types.Operator):
     )
 
     def run(self, context) -> str:
-        settings = context.scene.crowd_lod
+        crowd = active_or_new(context.scene.crowd_lod)
         set_lengths(context.scene)
-        machine = machine_of(settings)
-        area = area_of(settings)
+        machine = machine_of(crowd)
+        area = area_of(crowd)
         rows, columns = map_areas.cells_of(area.size, self.pixels)
         colors = np.broadcast_to(machine.label_colors[0], (rows, columns, 3))
-        settings.map_image = image_data.write_image("Label Map", colors)
+        crowd.map_image = image_data.write_image("Label Map", colors)
         show(context.scene)
         cell = area.size[0] / columns * scene_data.meters(context.scene)
         return (
-            f"{settings.map_image.name}: {columns} by {rows} pixels of {cell:.3g} m, all "
+            f"{crowd.map_image.name}: {columns} by {rows} pixels of {cell:.3g} m, all "
             f"{machine.labels[0]}."
         )
 
 
 def _unmapped(scene: bpy.types.Scene) -> str:
-    return (
-        "" if scene.crowd_lod.map_image is not None else "The scene has no label map: press New Map"
-    )
+    return "" if map_of(scene) is not None else "The crowd has no label map: press New Map"
 
 
 class CROWDLOD_OT_paint_label(Reporting, bpy.types.Operator):
@@ -195,7 +213,7 @@ class CROWDLOD_OT_paint_label(Reporting, bpy.types.Operator):
 
     def run(self, context) -> str:
         scene = context.scene
-        machine = machine_of(scene.crowd_lod)
+        machine = machine_of(active_crowd(scene.crowd_lod))
         if self.label not in machine.labels:
             raise CrowdError(
                 f"The state machine has no label {self.label}: choose one of "

@@ -1,4 +1,4 @@
-"""The scene's settings -> the method's world: state machine, label map, height map, detail map."""
+"""A crowd's settings -> the method's world: state machine, label map, height map, detail map."""
 
 from functools import lru_cache
 
@@ -10,28 +10,29 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.levels.assignment import Bias
 from ...crowd_lod.world.height_map import HeightMap
 from ...crowd_lod.world.maps import FARTHEST, Area, LabelMap, edge_map, labels_from_colors, lay_over
-from ..blender import image_data, provenance, scene_data, stored_values
+from ..blender import image_data, provenance, scene_data
 from ..blender.props import group_of
+from ..settings.crowds import check_stored, crowds_of
 
 
-def machine_text(settings) -> str:
-    """Return the JSON of the settings' state machine.
+def machine_text(crowd) -> str:
+    """Return the JSON of the crowd's state machine.
 
     It is the chapter's if none is chosen, or if its text is empty, as a new one is.
     """
-    text = "" if settings.machine is None else settings.machine.as_string()
+    text = "" if crowd.machine is None else crowd.machine.as_string()
     return text if text.strip() else machines.preset_text("chapter")
 
 
-def machine_of(settings) -> machines.StateMachine:
-    """Return the state machine of the settings: see machine_text.
+def machine_of(crowd) -> machines.StateMachine:
+    """Return the state machine of the crowd: see machine_text.
 
     Its velocities are in the scene's units a second.
     """
     machine = machines.parse(
-        machine_text(settings), settings.machine.name if settings.machine else "chapter"
+        machine_text(crowd), crowd.machine.name if crowd.machine else "chapter"
     )
-    return machine.in_units(scene_data.meters(settings.id_data))
+    return machine.in_units(scene_data.meters(crowd.id_data))
 
 
 def actions_named(scene: bpy.types.Scene, group: str) -> tuple[str, ...]:
@@ -43,9 +44,7 @@ def actions_named(scene: bpy.types.Scene, group: str) -> tuple[str, ...]:
     bad.
     """
     crowds = [
-        crowd
-        for crowd in (scene.crowd_lod, *scene.crowd_lod.crowds)
-        if crowd.machine and crowd.source == "MACHINE"
+        crowd for crowd in crowds_of(scene.crowd_lod) if crowd.machine and crowd.source == "MACHINE"
     ]
     using = [crowd for crowd in crowds if {group, group_of(group)} & (names_in(crowd) or {group})]
     return tuple(
@@ -66,38 +65,38 @@ def _actions(text: str, name: str) -> tuple[str, ...]:
     return machines.parse(text, name).paces.actions
 
 
-def area_of(settings) -> Area:
-    """Return the rectangle of the settings, which maps are painted over.
+def area_of(crowd) -> Area:
+    """Return the rectangle of the crowd, which maps are painted over.
 
     CrowdError if it lies too far from the world's origin.
     """
-    (x, y, z) = settings.center
-    (width, depth) = settings.size
+    (x, y, z) = crowd.center
+    (width, depth) = crowd.size
     area = Area(x - width / 2, y - depth / 2, x + width / 2, y + depth / 2, z)
     reach = max(map(abs, (area.x_min, area.y_min, area.x_max, area.y_max, z)))
-    _check_reach(settings.id_data, "The crowd's ground", reach, "Center or Size")
+    _check_reach(crowd.id_data, "The crowd's ground", reach, "Center or Size")
     return area
 
 
-def world_of(settings, machine: machines.StateMachine) -> LabelMap:
-    """Return the label map of the settings.
+def world_of(crowd, machine: machines.StateMachine) -> LabelMap:
+    """Return the label map of the crowd.
 
     Without an image it is edge_map's. The labels of meshes lie over it. CrowdError if it lies too
     far from the world's origin, or if too many of the image's colors are not those of the labels.
     """
-    area = area_of(settings)
-    over = settings.areas_image if len(settings.areas) else None
-    if settings.map_image is None and over is None:
+    area = area_of(crowd)
+    over = crowd.areas_image if len(crowd.areas) else None
+    if crowd.map_image is None and over is None:
         return edge_map(area, machine.labels)
-    if over is not None and not areas_hold(settings, machine):
+    if over is not None and not areas_hold(crowd, machine):
         raise CrowdError(
             "The walls and areas were laid over another ground, map or state machine: press "
             "Refresh Walls and Areas, or Populate."
         )
-    image = settings.map_image or over
+    image = crowd.map_image or over
     meshes = over and image_data.read_pixels(over)
-    if settings.map_image is not None:
-        pixels = image_data.read_pixels(settings.map_image)[..., :3]
+    if crowd.map_image is not None:
+        pixels = image_data.read_pixels(crowd.map_image)[..., :3]
     else:
         open_ground = edge_map(area, machine.labels, meshes.shape[1]).labels
         pixels = machine.label_colors[open_ground.repeat(len(meshes), axis=0)]
@@ -107,51 +106,52 @@ def world_of(settings, machine: machines.StateMachine) -> LabelMap:
     return LabelMap(labels, area, strays)
 
 
-def areas_hold(settings, machine: machines.StateMachine) -> bool:
+def areas_hold(crowd, machine: machines.StateMachine) -> bool:
     """Return whether the map of walls and areas was made from the present settings.
 
     Its meshes do not count, since it follows them.
     """
-    image = settings.areas_image
-    inputs = areas_inputs(settings, machine)
+    image = crowd.areas_image
+    inputs = areas_inputs(crowd, machine)
     return image is not None and provenance.is_made_of(image, inputs)
 
 
-def areas_inputs(settings, machine: machines.StateMachine) -> dict[str, str]:
+def areas_inputs(crowd, machine: machines.StateMachine) -> dict[str, str]:
     """Return digests of what a map of walls and areas is made of besides its meshes, by name."""
-    size = settings.map_image and tuple(settings.map_image.size)
+    size = crowd.map_image and tuple(crowd.map_image.size)
     labels = [*zip(machine.labels, machine.label_colors.tolist(), strict=True)]
     return {
-        "the ground": provenance.text_digest(area_of(settings)),
+        "the ground": provenance.text_digest(area_of(crowd)),
         "the map": provenance.text_digest(size),
         "the state machine": provenance.text_digest(labels),
     }
 
 
-def heights_of(settings, area: Area) -> HeightMap | None:
-    """Return the height map of the settings, or None.
+def heights_of(crowd, area: Area) -> HeightMap | None:
+    """Return the height map of the crowd, or None.
 
     CrowdError if a value is not finite, or too far from the world's origin.
     """
-    if settings.height_image is None:
+    if crowd.height_image is None:
         return None
-    values = image_data.read_values(settings.height_image)[..., :1]
-    scale = settings.height_scale
-    image_data.check_finite(settings.height_image, values)
+    values = image_data.read_values(crowd.height_image)[..., :1]
+    scale = crowd.height_scale
+    image_data.check_finite(crowd.height_image, values)
     highest = float(np.abs(values).max()) * abs(scale) + abs(area.z)
-    what = f"The ground of the height map {settings.height_image.name}"
-    _check_reach(settings.id_data, what, highest, "pixels or the setting Height")
+    what = f"The ground of the height map {crowd.height_image.name}"
+    _check_reach(crowd.id_data, what, highest, "pixels or the setting Height")
     return HeightMap(values[..., 0] * np.float32(scale), area)
 
 
 def check_maps(settings) -> None:
-    """Raise CrowdError if the state machine or a map of the settings cannot be used.
+    """Raise CrowdError if the state machine or a map of one of a scene's crowds cannot be used.
 
     Call it before long work.
     """
-    stored_values.check(settings)
-    area = world_of(settings, machine_of(settings)).area
-    heights_of(settings, area), bias_of(settings)
+    check_stored(settings)
+    for crowd in crowds_of(settings):
+        heights_of(crowd, world_of(crowd, machine_of(crowd)).area)
+    bias_of(settings)
 
 
 def _check_reach(scene: bpy.types.Scene, subject: str, reach: float, setting: str) -> None:
@@ -165,11 +165,11 @@ def _check_reach(scene: bpy.types.Scene, subject: str, reach: float, setting: st
 
 
 def bias_of(settings) -> Bias | None:
-    """Return the painted map of detail over the settings' rectangle, or None.
+    """Return the painted map of detail over the first crowd's ground, or None.
 
     Bytes are scaled so that 128 becomes 0.5.
     """
-    if settings.bias_image is None:
+    if settings.bias_image is None or not len(settings.crowds):
         return None
     gray = image_data.read_pixels(settings.bias_image)[..., :3].mean(axis=2)
-    return Bias(np.interp(gray, (0, 128, 255), (0, 0.5, 1)), area_of(settings))
+    return Bias(np.interp(gray, (0, 128, 255), (0, 0.5, 1)), area_of(settings.crowds[0]))

@@ -5,10 +5,11 @@ import bpy
 from ...crowd_lod.crowd.state_machine import load_preset, preset_names
 from ..blender.labeled_properties import CONTEXT, EnumProperty
 from ..blender.operator import Reporting
+from ..settings.crowds import active_or_new
 
 
 class CROWDLOD_OT_machine_preset(Reporting, bpy.types.Operator):
-    """Load this state machine into a text block of its own, and use it"""
+    """Load this state machine into a text block of its own, for the active crowd"""
 
     bl_idname = "crowd_lod.machine_preset"
     bl_label = "State Machine Preset"
@@ -19,7 +20,7 @@ class CROWDLOD_OT_machine_preset(Reporting, bpy.types.Operator):
         machine = load_preset(self.name)
         text = bpy.data.texts.new(f"{self.name}.json")
         text.from_string(machine.text)
-        context.scene.crowd_lod.machine = text
+        active_or_new(context.scene.crowd_lod).machine = text
         return (
             f"{text.name}: {len(machine.states)} states; its labels are "
             f"{', '.join(machine.labels)}."

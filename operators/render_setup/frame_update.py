@@ -24,7 +24,8 @@ from ..freshness.bake_frames import is_bake
 from ..scene import lights
 from ..scene.frame_plan import SceneMoment, frame_of
 from ..scene.scene_crowd import SceneCrowd, check_levels, read_crowd
-from ..sources.crowd_sources import crowds_of, is_live, live
+from ..settings.crowds import crowds_of
+from ..sources.crowd_sources import is_live, live
 from .appended_builds import standing_still
 from .buckets import buckets_of, members, points_in, points_of
 from .render_setup import LOD_SIZES, cast_of, lod_sizes

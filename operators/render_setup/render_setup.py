@@ -23,6 +23,7 @@ from ..freshness.artifacts import to_make_again
 from ..freshness.bake_frames import BAKED, CAMERAS, LIGHTS, is_bake
 from ..lod_meshes.make_lods import TINTS
 from ..scene.scene_crowd import SceneCrowd, check_levels
+from ..settings.crowds import check_stored
 from . import played_by
 from .buckets import KIND, LEVEL, Bucket, buckets_of, points_of
 from .change_detection import named_by, shown_by
@@ -267,7 +268,7 @@ def _points(top: bpy.types.Collection, bucket: Bucket) -> bpy.types.Object:
 def dress_all(scene: bpy.types.Scene) -> None:
     """Give the point objects of the scene's build our modifier, with its inputs."""
     top = scene.crowd_lod.build
-    stored_values.check(scene.crowd_lod)
+    check_stored(scene.crowd_lod)
     inputs = {"Turn": float(scene_data.rotation(scene.crowd_lod.forward))}
     if is_bake(top):
         inputs["Rate"], inputs["Opens"], *_ = baked_of(top)

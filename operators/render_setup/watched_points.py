@@ -7,7 +7,8 @@ import bpy
 
 from ..blender import scene_data
 from ..freshness.bake_frames import is_bake
-from ..sources.crowd_sources import crowds_of, is_live
+from ..settings.crowds import crowds_of
+from ..sources.crowd_sources import is_live
 from .buckets import points_of
 
 WATCHED = "crowd_lod_watched"  # custom property of the node group

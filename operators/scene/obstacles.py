@@ -18,7 +18,7 @@ GROUND = 0.2  # of the agents: what so many stand on is ground
 
 
 def find_obstacles(
-    settings: bpy.types.PropertyGroup,
+    crowd: bpy.types.PropertyGroup,
     depsgraph: bpy.types.Depsgraph,
     part: Trajectory,
     places: np.ndarray,
@@ -28,25 +28,25 @@ def find_obstacles(
 
     None where a map leads them round, where they stand, or where something else moves them.
 
-    settings, part: of the crowd.
+    part: the trajectory of the crowd.
     places: (n, 3) units, where agents have their feet.
     grounds: of each of them, the name of the object that it stands on.
     """
-    scene = settings.id_data
+    scene = crowd.id_data
     walks = isinstance(part, Walk) and part.gaits.paces.speeds.any()
-    if not walks or settings.map_image is not None or not len(places):
+    if not walks or crowd.map_image is not None or not len(places):
         return []
-    area = area_of(settings)
+    area = area_of(crowd)
     corners = np.array([(area.x_min, area.y_min), (area.x_max, area.y_max)])
     names = [*grounds]
     common = {name for name in names if names.count(name) >= GROUND * len(names)}
-    walls = {item for entry in settings.areas if entry.use for item in meshes_in(entry)}
+    walls = {item for entry in crowd.areas if entry.use for item in meshes_in(entry)}
     left_out = {
         *scene.crowd_lod.characters.all_objects,
         *walls,
-        settings.terrain_object,
-        settings.spawn_object,
-        settings.terrain,
+        crowd.terrain_object,
+        crowd.spawn_object,
+        crowd.terrain,
     }
     body = np.array(BODY) / scene_data.meters(scene)
     reach = np.concatenate([places, np.column_stack([corners, places[:1, 2].repeat(2)])])

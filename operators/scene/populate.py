@@ -23,6 +23,7 @@ from ..characters.take_action import notes_on_gliding
 from ..machine import map_areas
 from ..machine.scene_world import check_maps
 from ..settings import needs
+from ..settings.crowds import crowds_of, first_crowd
 from ..settings.lengths import set_lengths
 from ..settings.messages import in_words
 from ..sources import crowd_sources
@@ -44,9 +45,10 @@ def populate_scene(
     changes, if a setting is bad.
     """
     settings = scene.crowd_lod
+    first_crowd(settings)
     depsgraph = crowd_sources.depsgraph_of(scene)
     depsgraph.update()
-    crowds = crowd_sources.crowds_of(settings)
+    crowds = crowds_of(settings)
     work = Workload(READ + MEASURED)
     yield from work.take(reading_motions(scene))
     made_of = crowd_parts(scene)

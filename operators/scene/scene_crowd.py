@@ -198,8 +198,9 @@ def trajectory_of(
     groups: measured groups in place of those that the settings hold.
     depsgraph: where objects are evaluated whose points are agents; the view layer's own if None.
     """
-    groups = groups or groups_of(scene.crowd_lod)
-    if not groups:
+    settings = scene.crowd_lod
+    groups = groups or groups_of(settings)
+    if not groups or not len(settings.crowds):
         raise CrowdError(
             f"The crowd of the scene {scene.name} is not populated: press Populate in the Crowd "
             f"panel."

@@ -16,7 +16,7 @@ from ..blender.operator import Reporting
 from ..machine import map_areas
 from ..machine.scene_world import machine_of, machine_text
 from ..settings import needs
-from ..sources.crowd_sources import crowds_of
+from ..settings.crowds import crowds_of, index_of_active
 from .looking_around import look_around
 from .obstacles import find_obstacles
 from .plausible import places_of
@@ -57,16 +57,17 @@ def _in_the_way(
     """Yield each crowd of the scene, and what its agents are to walk round.
 
     That is what they would walk through; with objects `selected`, those of it, and all of them for
-    the scene's own crowd, but for the ground.
+    the active crowd, but for the ground.
     """
     settings = scene.crowd_lod
     left_out = set(settings.characters.all_objects)
     parts = trajectory_of(scene).parts
+    active = index_of_active(settings)
     for index, (crowd, part) in enumerate(zip(crowds_of(settings), parts, strict=True)):
         places = places_of(part)
         around = look_around(depsgraph, places, 0.0, scene_data.meters(scene), left_out)
         grounds = set(around.names) - {""}
-        if index == 0 and selected:
+        if index == active and selected:
             yield crowd, [item for item in selected if grounds != {item.name}]
         elif crowd.use_crowd:
             items = find_obstacles(crowd, depsgraph, part, places, around.names)
@@ -86,24 +87,24 @@ def _lead_round(
     turned = _add_wall_label(crowd)
     map_areas.add_areas(crowd, items, WALL)
     cells = map_areas.make(crowd, depsgraph)
-    name = f"{crowd.name}: " if len(crowd.id_data.crowd_lod.crowds) else ""
+    name = f"{crowd.name}: " if len(crowd.id_data.crowd_lod.crowds) > 1 else ""
     walls = counted(len(items), "wall")
     items_named = listed(item.name for item in items)
     return f"{name}{items_named}: {walls} on {counted(cells, 'cell')} of the map.{turned}"
 
 
-def _add_wall_label(settings) -> str:
+def _add_wall_label(crowd) -> str:
     """Give the state machine a wall, if it has none; return a sentence on that.
 
     A machine that the scene does not own, such as the chapter's, gets a copy.
     """
-    if WALL in machine_of(settings).labels:
+    if WALL in machine_of(crowd).labels:
         return ""
-    text = settings.machine
+    text = crowd.machine
     name = text.name if text is not None else "chapter"
-    content = edit_text(machine_text(settings), name, add_wall())
+    content = edit_text(machine_text(crowd), name, add_wall())
     if text is None or text.library is not None:
-        text = settings.machine = bpy.data.texts.new(name)
+        text = crowd.machine = bpy.data.texts.new(name)
     text.from_string(content)
     return f" The state machine {text.name} turns agents back at them."
 

@@ -318,10 +318,11 @@ class SimulationSettings:
 
 
 CROWD = (CrowdSettings, BehaviorSettings, SimulationSettings)  # what each crowd of a scene has
+CROWD_NAMES = tuple(name for part in CROWD for name in part.__annotations__)
 
 
 class CrowdLodCrowd(*CROWD, bpy.types.PropertyGroup):
-    """A further crowd of a scene, called `name`, beside the one of the scene's own settings."""
+    """A crowd of a scene, called `name`."""
 
 
 class CameraSettings:

@@ -14,11 +14,11 @@ def set_lengths(scene: bpy.types.Scene) -> None:
     meters = scene_data.meters(scene)
     if meters == 1:
         return
-    for crowd in (scene.crowd_lod, *scene.crowd_lod.crowds):
-        for setting in crowd.bl_rna.properties:
+    for owner in (scene.crowd_lod, *scene.crowd_lod.crowds):
+        for setting in owner.bl_rna.properties:
             if setting.type != "FLOAT" or setting.unit != "LENGTH":
                 continue
             default = [*setting.default_array] if setting.is_array else setting.default
-            if np.any(default) and not crowd.is_property_set(setting.identifier):
+            if np.any(default) and not owner.is_property_set(setting.identifier):
                 lengths = np.divide(default, meters).tolist()
-                setattr(crowd, setting.identifier, lengths)
+                setattr(owner, setting.identifier, lengths)

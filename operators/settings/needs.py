@@ -15,7 +15,9 @@ def characters(scene: bpy.types.Scene) -> str:
 
 
 def crowd(scene: bpy.types.Scene) -> str:
-    return characters(scene) or ("" if len(scene.crowd_lod.groups) else "Press Populate first")
+    settings = scene.crowd_lod
+    populated = len(settings.groups) and len(settings.crowds)
+    return characters(scene) or ("" if populated else "Press Populate first")
 
 
 def camera(scene: bpy.types.Scene) -> str:
@@ -54,12 +56,12 @@ def build(scene: bpy.types.Scene) -> str:
     return "" if scene.crowd_lod.build is not None else "The scene has no build"
 
 
-def further_crowds(scene: bpy.types.Scene) -> str:
-    return "" if len(scene.crowd_lod.crowds) else "There are no further crowds"
+def crowds(scene: bpy.types.Scene) -> str:
+    return "" if len(scene.crowd_lod.crowds) else "There is no crowd: add one to the list"
 
 
 def points(scene: bpy.types.Scene) -> str:
-    crowds = scene.crowd_lod, *scene.crowd_lod.crowds
+    crowds = scene.crowd_lod.crowds
     found = any(crowd.source == "POINTS" and crowd.points is not None for crowd in crowds)
     return "" if found else "Choose the object whose points are the agents"
 

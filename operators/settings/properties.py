@@ -4,6 +4,8 @@ Each is described once, as a property of a class in this folder: its name, type,
 text. Presets, panels, commands and the pages of reference take them from there.
 """
 
+from typing import Any
+
 import bpy
 
 from ..blender.labeled_properties import (
@@ -14,6 +16,8 @@ from ..blender.labeled_properties import (
     StringProperty,
 )
 from .crowd_settings import (
+    CROWD,
+    CROWD_NAMES,
     BehaviorSettings,
     CameraSettings,
     CharacterSettings,
@@ -21,8 +25,10 @@ from .crowd_settings import (
     CrowdSettings,
     SimulationSettings,
 )
+from .crowds import active_or_new, first_crowd
 from .level_settings import CrowdLodAction, CrowdLodGroup, LevelSettings
 from .overlay_settings import OverlaySettings
+from .setting_changes import settings_changed
 from .shot_settings import (
     ExportSettings,
     FrameSettings,
@@ -46,19 +52,23 @@ STEPS: dict[str, tuple[type, ...]] = {
 ALL = tuple(part for parts in STEPS.values() for part in parts)
 
 
-class CrowdLodSettings(*ALL, bpy.types.PropertyGroup):
-    """The crowd of a scene: all settings that its plan depends on, and what its steps made.
+class CrowdLodSettings(*(part for part in ALL if part not in CROWD), bpy.types.PropertyGroup):
+    """The crowds of a scene: all settings that its plan depends on, and what its steps made.
 
-    Everything else that a plan depends on is in the scene itself.
+    Everything else that a plan depends on is in the scene itself. For scripts it has the settings
+    of the first crowd as its own, and `active_crowd`; both make a crowd if there is none.
     """
 
+    active_crowd = property(active_or_new)
+
     crowds: CollectionProperty(
-        type=CrowdLodCrowd,
-        name="Further Crowds",
-        description="Crowds beside that of these settings",
+        type=CrowdLodCrowd, name="Crowds", description="All crowds of the scene"
     )
     crowd_index: IntProperty(
-        name="Active Crowd", min=0, description="Which of the further crowds the sidebar shows"
+        update=settings_changed("active_crowd"),
+        name="Active Crowd",
+        min=0,
+        description="Which of the crowds the sidebar shows",
     )
     pop_reduction_percent: FloatProperty(
         name="Pop Reduction (max. extra cost)",
@@ -113,6 +123,24 @@ class CrowdLodSettings(*ALL, bpy.types.PropertyGroup):
     build: PointerProperty(
         type=bpy.types.Collection, name="Build", description="Made by Build or Bake"
     )
+
+
+def _of_first(name: str) -> property:
+    """Return a Python property of the scene's settings: the setting `name` of its first crowd."""
+    return property(
+        lambda settings: getattr(first_crowd(settings), name),
+        lambda settings, value: setattr(first_crowd(settings), name, value),
+    )
+
+
+for _name in CROWD_NAMES:
+    setattr(CrowdLodSettings, _name, _of_first(_name))
+
+
+def property_of(name: str) -> Any:
+    """Return Blender's property of a setting, of the scene or of each of its crowds."""
+    kind: Any = CrowdLodCrowd if name in CROWD_NAMES else CrowdLodSettings
+    return kind.bl_rna.properties[name]
 
 
 CLASSES = (CrowdLodCrowd, CrowdLodAction, CrowdLodGroup, CrowdLodSettings)

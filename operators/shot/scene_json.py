@@ -43,7 +43,7 @@ def scene_json(
     last: frame of the timeline.
     characters: of lod_table.tables.
     """
-    settings = crowd.settings
+    first = crowd.settings.crowds[0]
     trajectory = crowd.trajectory
     meters = scene_data.meters(crowd.scene)
     troubles = yield from run_in_thread(lambda: find(trajectory, meters))
@@ -58,14 +58,14 @@ def scene_json(
         },
         "scene": _scene_of(scene),
         "crowd": crowd_json(crowd),
-        "map": _map_of(settings, trajectory),
+        "map": _map_of(first, trajectory),
         "height": {
-            "image": settings.height_image.name if settings.height_image else None,
-            "scale": settings.height_scale * meters,
-            "tilt": settings.tilt,
-            "terrain": [item.name for item in terrain_source.objects_of(settings)],
+            "image": first.height_image.name if first.height_image else None,
+            "scale": first.height_scale * meters,
+            "tilt": first.tilt,
+            "terrain": [item.name for item in terrain_source.objects_of(first)],
         },
-        "machine": json.loads(machine_of(settings).text) if walks_of(trajectory) else None,
+        "machine": json.loads(machine_of(first).text) if walks_of(trajectory) else None,
         "trouble": troubles.rows,
         "trouble_says": troubles.sentence,
         "camera": cameras.bound_camera(scene, scene_data.remap(scene.render, last)).name,
@@ -73,13 +73,13 @@ def scene_json(
     }
 
 
-def _map_of(settings, trajectory: Trajectory) -> dict[str, Any] | None:
+def _map_of(first, trajectory: Trajectory) -> dict[str, Any] | None:
     walks = walks_of(trajectory)
     if not walks:
         return None
     labels = walks[0].world.labels
     return {
-        "image": settings.map_image.name if settings.map_image else None,
+        "image": first.map_image.name if first.map_image else None,
         "cells": list(labels.shape[::-1]),
         "sha256": hashlib.sha256(labels.tobytes()).hexdigest(),
     }
@@ -97,22 +97,23 @@ def _scene_of(scene: bpy.types.Scene) -> dict[str, Any]:
 
 
 def crowd_json(crowd: SceneCrowd) -> dict[str, Any]:
-    """Return what plan.json tells of the crowd: its source, area and counts, as plain data."""
+    """Return what plan.json tells of the first crowd and of the area of all, as plain data."""
     settings = crowd.settings
+    first = settings.crowds[0]
     trajectory = crowd.trajectory
     area = trajectory.area
     meters = scene_data.meters(crowd.scene)
     return {
         "count": len(trajectory.parts[0].start),
-        "seed": settings.seed,
-        "spawn_on": settings.spawn_on,
+        "seed": first.seed,
+        "spawn_on": first.spawn_on,
         "area": {
             "x": [area.x_min * meters, area.x_max * meters],
             "y": [area.y_min * meters, area.y_max * meters],
             "z": area.z * meters,
         },
         "forward": settings.forward,
-        "first_frame": settings.first_frame,
+        "first_frame": first.first_frame,
         "frames_per_second": 1 / trajectory.seconds_per_frame,
         "groups": [asdict(group) for group in crowd.groups_in_meters],
     }

@@ -48,6 +48,7 @@ from ..scene.scene_crowd import SceneCrowd, characters_of, check_levels, policy_
 from ..scene.shot_overrides import overrides_of
 from ..settings import needs
 from ..settings.budgets import budget_of, possible_budgets
+from ..settings.crowds import crowds_of
 from ..sources.crowd_sources import check_recorded
 from .scene_json import scene_json
 from .shot_survey import SurveyedShot, survey_of
@@ -93,7 +94,8 @@ class PlannedShot:
 
 def plan_seconds(scene: bpy.types.Scene, frames: Sequence[int]) -> float:
     """Return about how many seconds the plan of these frames takes, LOD meshes left out."""
-    return REST + AGENT_IN_FRAME * len(frames) * scene.crowd_lod.count
+    agents = sum(crowd.count for crowd in crowds_of(scene.crowd_lod))
+    return REST + AGENT_IN_FRAME * len(frames) * agents
 
 
 def plan_shot(scene: bpy.types.Scene, request: PlanRequest) -> Generator[float, None, PlannedShot]:

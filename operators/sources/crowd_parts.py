@@ -10,7 +10,7 @@ from ..blender import provenance
 from ..characters.character_provenance import MOTION, motions
 from ..characters.characters import all_characters
 from ..machine.terrain_source import terrain_digest
-from .crowd_sources import crowds_of
+from ..settings.crowds import crowds_of
 from .spawn_source import places_digest
 
 GROUPS = "the character groups"

@@ -26,6 +26,7 @@ from ...crowd_lod.world.terrain import Ground, Terrain
 from ..blender import image_data, scene_cache, scene_data, stored_values
 from ..machine import terrain_source
 from ..machine.scene_world import area_of, heights_of, machine_of, names_in, world_of
+from ..settings.crowds import crowds_of
 from . import crowd_overrides, spawn_source, tracks_source
 from .points_source import points_of_crowd
 
@@ -37,11 +38,6 @@ _latest: dict[int, dict[int, tuple]] = scene_cache.add_cache({}, by_scene=True)
 _together: dict[int, tuple[tuple, Trajectory]] = scene_cache.add_cache({}, by_scene=True)
 # By scene: the agents that were dressed last, and they with what they wear.
 _worn: dict[int, tuple[Trajectory, Trajectory]] = scene_cache.add_cache({}, by_scene=True)
-
-
-def crowds_of(settings) -> list[bpy.types.PropertyGroup]:
-    """Return the settings of all crowds of a scene: its own, then the further ones."""
-    return [settings, *settings.crowds]
 
 
 def inputs_of(scene: bpy.types.Scene) -> tuple:
@@ -334,9 +330,8 @@ def _start(crowd, machine: StateMachine, world: LabelMap, groups: Draw) -> tuple
         able = spawn_places.allowed_agents(places, machine, world)
         if not able.any():
             raise CrowdError(
-                f"None of the {len(places):,} places of the crowd {crowd.name or 1} lies on the "
-                f"label map where its labels let "
-                "agents start: move Center, enlarge Size, or paint such a label there."
+                f"None of the {len(places):,} places of {crowd.name} lies on the label map "
+                f"where its labels let agents start: move Center, enlarge Size, or paint such a label there."
             )
         places = places.of(np.flatnonzero(able))
     return spawn_places.settle(places, crowd.seed, groups, machine, world), seated
@@ -357,9 +352,8 @@ def draw_of(crowd, groups: Sequence[Group]) -> Draw:
     present = [group.name for group in people.values()]
     for name in sorted(names.difference(present)):
         raise CrowdError(
-            f"The crowd {crowd.name or 1} asks for the character group {name}, and there is none: "
-            f"its Groups may name "
-            f"{', '.join(present)}; with none, all are used."
+            f"{crowd.name} asks for the character group {name}, and there is none: its Groups may "
+            f"name {', '.join(present)}; with none, all are used."
         )
     numbers = tuple(g for g, group in people.items() if not names or group.name in names)
     shares = tuple(groups[g].share for g in numbers)

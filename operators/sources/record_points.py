@@ -24,7 +24,8 @@ from ..blender.output_folders import BLEND_NAME, full_path, saved_path
 from ..blender.removal import is_there
 from ..characters.characters import all_characters
 from ..settings import needs
-from .crowd_sources import crowds_of, draw_of, is_live
+from ..settings.crowds import crowds_of
+from .crowd_sources import draw_of, is_live
 from .points_source import NoPoints, check_ids, read_points
 
 # settings that recording sets
@@ -295,7 +296,8 @@ class CROWDLOD_OT_record_points(Stepwise, bpy.types.Operator):
 
     def work(self, scene: bpy.types.Scene) -> Generator[float, None, str]:
         crowds = [crowd for crowd in crowds_of(scene.crowd_lod) if is_live(crowd)]
-        parts = [(crowd.name, crowd.points and crowd.points.name) for crowd in crowds]
+        several = len(scene.crowd_lod.crowds) > 1
+        parts = [(several and crowd.name, crowd.points and crowd.points.name) for crowd in crowds]
         names = [bpy.path.clean_name("_".join(filter(None, each))) for each in parts]
         texts = [saved_path(f"//{BLEND_NAME}_{name}.npz") for name in names]
         paths = [full_path(text) for text in texts]

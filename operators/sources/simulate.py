@@ -15,11 +15,11 @@ from ...crowd_lod.world.first_frame import check_counts
 from ...crowd_lod.world.maps import Area, LabelMap
 from ...crowd_lod.world.rasterize import section
 from ..blender import mesh_data, scene_data, stored_values
-from ..blender.labeled_properties import IntProperty
 from ..blender.operator import Stepwise
 from ..machine.scene_world import machine_of, world_of
+from ..settings import needs
+from ..settings.crowds import crowds_of, index_of_active
 from ..settings.lengths import set_lengths
-from .crowd_sources import crowds_of
 from .jupedsim_run import SimulationRequest, simulate
 
 KNEE = 0.5  # meters above the ground, where the meshes of obstacles are cut
@@ -31,7 +31,7 @@ def simulate_crowd(scene: bpy.types.Scene, index: int, path: Path) -> Generator[
     Yields the progress, and returns a sentence on the result. The scene stays as it is.
     CrowdError if it cannot be simulated.
 
-    index: 0 for the scene's own crowd, from 1 on for the further ones.
+    index: 0 for the scene's first crowd.
     """
     request = _request_of(scene, index)
     arrived = yield from simulate(request, path)
@@ -138,27 +138,20 @@ def _saved(scene: bpy.types.Scene) -> str:
 class CROWDLOD_OT_simulate(Stepwise, bpy.types.Operator):
     bl_description = (
         "Simulate people who walk to their goals, around walls and each other, and let the "
-        "crowd follow them"
+        "active crowd follow them"
     )
     bl_idname = "crowd_lod.simulate"
     bl_label = "Simulate with JuPedSim"
-    needs = (_saved,)
-
-    crowd: IntProperty(
-        name="Crowd",
-        min=0,
-        description="0 for the scene's own crowd, 1 for the first of the further ones",
-    )
+    needs = (_saved, needs.crowds)
 
     def work(self, scene: bpy.types.Scene) -> Generator[float, None, str]:
+        index = index_of_active(scene.crowd_lod)
         home = Path(bpy.data.filepath)
-        name = bpy.path.clean_name(
-            f"{home.stem}_{scene.name}" + (f"_{self.crowd + 1}" if self.crowd else "")
-        )
+        name = bpy.path.clean_name(f"{home.stem}_{scene.name}" + (f"_{index + 1}" if index else ""))
         path = files.absolute(home.with_name(f"{name}.sqlite"))
         with files.staged_file(path) as part:
-            said = yield from simulate_crowd(scene, self.crowd, part)
-        follow(scene, self.crowd, f"//{path.name}")
+            said = yield from simulate_crowd(scene, index, part)
+        follow(scene, index, f"//{path.name}")
         return f"{said} The trajectories are in {printable(path.name)}."
 
 

@@ -41,8 +41,7 @@ def read_places(crowd, forward: str, depsgraph: bpy.types.Depsgraph) -> None:
     item = crowd.spawn_object
     if item is None:
         raise CrowdError(
-            f"The crowd {crowd.name or 1} spawns on an object, and has none: choose it below "
-            f"Spawn On."
+            f"{crowd.name} spawns on an object, and has none: choose it below Spawn On."
         )
     ways = {
         "SURFACE": _on_surface,
@@ -97,7 +96,7 @@ def places_inputs(crowd) -> tuple:
 
 
 def _undrawn(crowd) -> str:
-    return f"The places where the crowd {crowd.name or 1} spawns are not drawn yet: press Populate."
+    return f"The places where {crowd.name} spawns are not drawn yet: press Populate."
 
 
 def places_digest(crowd) -> str:

@@ -24,8 +24,7 @@ def tracks_path(crowd) -> Path:
     """Return the path of the crowd's file. CrowdError if none is chosen."""
     if not crowd.tracks_file.strip():
         raise CrowdError(
-            f"The crowd {crowd.name or 1} follows a file, and none is chosen: choose a File in "
-            f"the Crowd panel."
+            f"{crowd.name} follows a file, and none is chosen: choose a File in the Crowd panel."
         )
     return full_path(crowd.tracks_file, crowd.id_data.library)
 

@@ -1,4 +1,4 @@
-"""Walls and areas: their list in the sidebar, and its buttons."""
+"""Walls and areas of the active crowd: their list in the sidebar, and its buttons."""
 
 import bpy
 
@@ -7,6 +7,7 @@ from ..blender.character_objects import selected_scenery
 from ..blender.operator import Reporting
 from ..machine import map_areas
 from ..machine.machine_editor import draft_of, selected_name
+from ..settings.crowds import active_crowd, active_or_new
 from .settings_list import Moving, Removing, SwitchedRow, draw_list
 
 
@@ -19,7 +20,8 @@ class CROWDLOD_UL_areas(SwitchedRow, bpy.types.UIList):
 
 
 def _some(scene: bpy.types.Scene) -> str:
-    return "" if len(scene.crowd_lod.areas) else "There are no walls and areas"
+    crowd = active_crowd(scene.crowd_lod)
+    return "" if crowd is not None and len(crowd.areas) else "There are no walls and areas"
 
 
 class CROWDLOD_OT_add_area(Reporting, bpy.types.Operator):
@@ -32,19 +34,19 @@ class CROWDLOD_OT_add_area(Reporting, bpy.types.Operator):
 
     def run(self, context) -> str:
         scene = context.scene
-        settings = context.scene.crowd_lod
-        labels = map_areas.machine_of(settings).labels
+        crowd = active_or_new(scene.crowd_lod)
+        labels = map_areas.machine_of(crowd).labels
         label = "wall" if "wall" in labels else selected_name(scene, "labels") or labels[-1]
         items = selected_scenery(context)
         for item in items or [None]:
-            entry = settings.areas.add()
+            entry = crowd.areas.add()
             entry.name = item.name if item else "Area"
             entry.object = item
             entry.label = label
-        scene.crowd_lod_editor.area_index = len(settings.areas) - 1
+        scene.crowd_lod_editor.area_index = len(crowd.areas) - 1
         if not items:
             return "Choose an object or a collection for the area."
-        cells = map_areas.make(settings, context.evaluated_depsgraph_get())
+        cells = map_areas.make(crowd, context.evaluated_depsgraph_get())
         lie = counted(cells, "cell of the map lies", "cells of the map lie")
         return f"{', '.join(item.name for item in items)}: {label}; {lie} under areas."
 
@@ -58,6 +60,9 @@ class _OfAreas:
     @staticmethod
     def holder(scene: bpy.types.Scene) -> bpy.types.PropertyGroup:
         return scene.crowd_lod_editor
+
+    def rows(self, scene: bpy.types.Scene) -> bpy.types.bpy_prop_collection:
+        return active_crowd(scene.crowd_lod).areas
 
     def changed(self, scene: bpy.types.Scene) -> None:
         map_areas.follow_soon(scene)
@@ -85,27 +90,28 @@ class CROWDLOD_OT_refresh_areas(Reporting, bpy.types.Operator):
     needs = (_some,)
 
     def run(self, context) -> str:
-        cells = map_areas.make(context.scene.crowd_lod, context.evaluated_depsgraph_get())
+        crowd = active_crowd(context.scene.crowd_lod)
+        cells = map_areas.make(crowd, context.evaluated_depsgraph_get())
         return (
             f"{counted(cells, 'cell of the map lies', 'cells of the map lie')} under walls and "
             f"areas."
         )
 
 
-def draw_areas(layout, context, settings) -> None:
-    """Draw the list of walls and areas, and the settings of the selected one."""
+def draw_areas(layout, context, crowd) -> None:
+    """Draw the list of the crowd's walls and areas, and the settings of the selected one."""
     editor = context.scene.crowd_lod_editor
-    draw_list(layout, settings, "area", editor)
+    draw_list(layout, crowd, "area", editor)
     layout.operator("crowd_lod.walls_from_selection", icon="MOD_BUILD")
-    if not len(settings.areas):
+    if not len(crowd.areas):
         return
-    entry = settings.areas[min(editor.area_index, len(settings.areas) - 1)]
+    entry = crowd.areas[min(editor.area_index, len(crowd.areas) - 1)]
     column = layout.column()
     column.active = entry.use
     column.prop(entry, "object")
     column.prop(entry, "collection")
     row = column.row()
-    row.alert = entry.label not in draft_of(context.scene).labels and settings.machine is not None
+    row.alert = entry.label not in draft_of(context.scene).labels and crowd.machine is not None
     row.prop_search(entry, "label", context.window_manager.crowd_lod_rows, "labels")
     layout.operator("crowd_lod.refresh_areas", icon="FILE_REFRESH")
 

@@ -1,13 +1,15 @@
-"""The further crowds of a scene: their list in the sidebar, and its buttons."""
+"""The crowds of a scene: their list in the sidebar, its buttons, and the active one's settings."""
 
 import bpy
 
+from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender.operator import Reporting
+from ..overlay import viewport_overlay
 from ..settings import needs
-from ..sources.jupedsim_run import has_jupedsim
+from ..settings.crowds import active_crowd, add_crowd, index_of_active
 from ..sources.tracks_source import notes_on_frames
 from .drawing import active_column, button, label
-from .settings_list import Removing, draw_list
+from .settings_list import Removing
 from .step_panel import StepPanel
 
 # who moves the agents of a source that has neither label map nor state machine
@@ -32,96 +34,53 @@ class CROWDLOD_UL_crowds(bpy.types.UIList):
 
 
 class CROWDLOD_OT_add_crowd(Reporting, bpy.types.Operator):
-    """Add a crowd beside those that are there, with settings of its own"""
+    """Add a crowd with settings of its own: one plan covers all crowds"""
 
     bl_idname = "crowd_lod.add_crowd"
     bl_label = "Add Crowd"
-    needs = (needs.characters,)
 
     def run(self, context) -> str:
         settings = context.scene.crowd_lod
-        number = len(settings.crowds) + 2
-        taken = {each.name for each in settings.crowds}
-        while f"Crowd {number}" in taken:
-            number += 1
-        crowd = settings.crowds.add()
-        crowd.name = f"Crowd {number}"
-        crowd.count = 100
-        crowd.seed = number
-        crowd.center = settings.center
-        crowd.size = settings.size
+        before = active_crowd(settings)
+        ground = None if before is None else ((*before.center,), (*before.size,))
+        crowd = add_crowd(settings)
+        if ground is not None:
+            crowd.center, crowd.size = ground
+            crowd.count = 100
+            crowd.seed = len(settings.crowds)
         settings.crowd_index = len(settings.crowds) - 1
         return f"{crowd.name} is added: choose its source and place."
 
 
 class CROWDLOD_OT_remove_crowd(Removing, bpy.types.Operator):
-    """Remove the selected crowd; the agents of crowds after it get other numbers"""
+    """Remove the active crowd; the agents of crowds after it get other numbers"""
 
     bl_idname = "crowd_lod.remove_crowd"
     bl_label = "Remove Crowd"
     kind = "crowd"
-    needs = (needs.further_crowds,)
+    needs = (needs.crowds,)
 
 
-class CROWDLOD_PT_crowds(StepPanel, bpy.types.Panel):
-    bl_label = "Further Crowds"
-    bl_parent_id = "CROWDLOD_PT_crowd"
-
-    def body(self, context, layout, settings) -> None:
-        draw_list(layout, settings, "crowd", settings, rows=2)
-        if not len(settings.crowds):
-            label(layout, "One plan covers all crowds", "INFO")
-            return
-        crowd = settings.crowds[_selected(settings)]
-        draw_source(layout, crowd)
-        if len(settings.groups) > 1:
-            layout.prop(crowd, "group_names")
-
-
-class _OfCrowd(StepPanel):
-    """A sub-panel of the selected further crowd; `crowd(layout, crowd, index)` draws it."""
-
-    bl_parent_id = "CROWDLOD_PT_crowds"
+class OfCrowd(StepPanel):
+    """A panel of the active crowd, which `crowd(context, layout, crowd)` draws."""
 
     @classmethod
     def poll(cls, context) -> bool:
         return len(context.scene.crowd_lod.crowds) > 0
 
     def body(self, context, layout, settings) -> None:
-        index = _selected(settings)
-        self.crowd(layout, settings.crowds[index], index + 1)
+        self.crowd(context, layout, active_crowd(settings))
 
 
-class CROWDLOD_PT_crowd_behavior(_OfCrowd, bpy.types.Panel):
-    bl_label = "Behavior of Crowd"
+def parts_shown(scene: bpy.types.Scene) -> list[Trajectory]:
+    """Return the trajectory of each crowd up to the active one, as the overlay shows them.
 
-    def crowd(self, layout, crowd, index: int) -> None:
-        draw_behavior(layout, crowd)
-        active_column(layout, crowd.source != "POINTS").prop(crowd, "first_frame")
-        label(layout, MOVERS.get(crowd.source, "The machine moves the agents"), "INFO")
-
-
-class CROWDLOD_PT_crowd_ground(_OfCrowd, bpy.types.Panel):
-    bl_label = "Ground of Crowd"
-
-    def crowd(self, layout, crowd, index: int) -> None:
-        draw_ground(layout, crowd)
-
-
-class CROWDLOD_PT_crowd_simulation(_OfCrowd, bpy.types.Panel):
-    bl_label = "Simulation of Crowd"
-
-    @classmethod
-    def poll(cls, context) -> bool:
-        return super().poll(context) and has_jupedsim()
-
-    def crowd(self, layout, crowd, index: int) -> None:
-        draw_simulation(layout, crowd, index)
-
-
-def _selected(settings) -> int:
-    """Return the index of the further crowd whose settings are shown."""
-    return min(settings.crowd_index, len(settings.crowds) - 1)
+    [] if it does not show the active one.
+    """
+    frame = viewport_overlay.latest(scene)
+    parts = frame.trajectory.parts if frame is not None else ()
+    index = index_of_active(scene.crowd_lod)
+    return list(parts[: index + 1]) if index < len(parts) else []
 
 
 def draw_source(layout, crowd) -> None:
@@ -185,8 +144,8 @@ def draw_behavior(layout, crowd) -> None:
     column.template_ID(crowd, "machine", new="text.new", open="text.open")
 
 
-def draw_simulation(layout, crowd, index: int) -> None:
-    """Draw the settings of Simulate with JuPedSim and its button, for the crowd `index`."""
+def draw_simulation(layout, crowd) -> None:
+    """Draw the settings of Simulate with JuPedSim and its button."""
     for name in (
         "spawn_labels",
         "goal_labels",
@@ -196,17 +155,11 @@ def draw_simulation(layout, crowd, index: int) -> None:
         "simulated_seconds",
     ):
         layout.prop(crowd, name)
-    made = button(layout, "crowd_lod.simulate", icon="MOD_PHYSICS")
-    if made is not None:
-        made.crowd = index
+    button(layout, "crowd_lod.simulate", icon="MOD_PHYSICS")
 
 
 CLASSES = (
     CROWDLOD_UL_crowds,
     CROWDLOD_OT_add_crowd,
     CROWDLOD_OT_remove_crowd,
-    CROWDLOD_PT_crowds,
-    CROWDLOD_PT_crowd_behavior,
-    CROWDLOD_PT_crowd_ground,
-    CROWDLOD_PT_crowd_simulation,
 )

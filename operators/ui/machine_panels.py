@@ -20,11 +20,11 @@ from ..machine.machine_editor import (
     selected_name,
 )
 from ..machine.machine_settings import MOST_TARGETS, color_of, rows_of
+from ..machine.map_painting import map_of
 from ..overlay import viewport_overlay
 from .area_list import draw_areas
-from .crowd_list import MOVERS
+from .crowd_list import MOVERS, OfCrowd, parts_shown
 from .drawing import active_column, label, letters_of, paragraph
-from .step_panel import StepPanel
 from .swatches import swatch
 
 MOST_LETTERS = 180  # of a mistake's description; Populate shows all of it
@@ -34,20 +34,22 @@ _counted: dict[int, tuple] = scene_cache.add_cache({}, by_scene=True)
 
 
 def counts_of(scene: bpy.types.Scene, states: list[str]) -> list[int]:
-    """Return how many agents are in each state at the frame that the overlay shows.
+    """Return how many of the active crowd are in each state at the frame that the overlay shows.
 
     [] if that is not known.
     """
-    frame = viewport_overlay.latest(scene)
-    if frame is None or list(frame.trajectory.states.names[: len(states)]) != states:
+    parts = parts_shown(scene)
+    if not parts or list(parts[-1].states.names) != states:
         return []
+    frame = viewport_overlay.latest(scene)
     if _counted.get(scene.session_uid, (None,))[0] is not frame:
         _counted[scene.session_uid] = frame, np.bincount(frame.crowd.state, minlength=256).tolist()
-    return _counted[scene.session_uid][1]
+    before = sum(len(part.states.names) for part in parts[:-1])
+    return _counted[scene.session_uid][1][before : before + len(states)]
 
 
 class _List:
-    """A list whose rows are drawn from the scene's text."""
+    """A list whose rows are drawn from the active crowd's text."""
 
     def draw_item(  # noqa: PLR0913 - Blender's own signature
         self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0
@@ -150,16 +152,16 @@ def _list(context, layout, kind: str, names: list[str], rows: int) -> None:
         button.by = by
 
 
-def _mover(layout, settings) -> None:
+def _mover(layout, crowd) -> None:
     """Say who moves the agents, where that is not the state machine and the panel is grayed."""
-    if settings.source in MOVERS:
-        label(layout, MOVERS[settings.source], "INFO")
+    if crowd.source in MOVERS:
+        label(layout, MOVERS[crowd.source], "INFO")
 
 
-class _Editor(StepPanel):
+class _Editor(OfCrowd):
     bl_parent_id = "CROWDLOD_PT_behavior"
 
-    def body(self, context, layout, settings) -> None:
+    def crowd(self, context, layout, crowd) -> None:
         draft = draft_of(context.scene)
         if not draft.states or missing_text(context.scene):
             _problem(context, layout)
@@ -167,12 +169,12 @@ class _Editor(StepPanel):
         rows_of(context, "states", draft.states)
         self.editor(
             context,
-            active_column(layout, settings.source == "MACHINE"),
+            active_column(layout, crowd.source == "MACHINE"),
             context.scene.crowd_lod_editor,
             draft,
         )
         _problem(context, layout)
-        _mover(layout, settings)
+        _mover(layout, crowd)
 
 
 class CROWDLOD_PT_states(_Editor, bpy.types.Panel):
@@ -288,19 +290,17 @@ class CROWDLOD_PT_labels(_Editor, bpy.types.Panel):
             column.prop(editor, field)
         row = layout.row()
         row.operator("crowd_lod.new_map", icon="ADD")
-        active_column(layout, context.scene.crowd_lod.map_image is not None).prop(
-            editor, "show_map"
-        )
+        active_column(layout, map_of(context.scene) is not None).prop(editor, "show_map")
 
 
-class CROWDLOD_PT_areas(StepPanel, bpy.types.Panel):
+class CROWDLOD_PT_areas(OfCrowd, bpy.types.Panel):
     bl_label = "Walls and Areas"
     bl_parent_id = "CROWDLOD_PT_behavior"
 
-    def body(self, context, layout, settings) -> None:
+    def crowd(self, context, layout, crowd) -> None:
         rows_of(context, "labels", draft_of(context.scene).labels)
-        draw_areas(active_column(layout, settings.source == "MACHINE"), context, settings)
-        _mover(layout, settings)
+        draw_areas(active_column(layout, crowd.source == "MACHINE"), context, crowd)
+        _mover(layout, crowd)
         if trouble := map_areas.trouble_of(context.scene):
             paragraph(layout, trouble, "ERROR", letters_of(context))
 

@@ -8,7 +8,7 @@ from textwrap import shorten
 
 import bpy
 
-from ...crowd_lod.behavior.walk import walks_of
+from ...crowd_lod.behavior.walk import Walk
 from ...crowd_lod.format import counted
 from ...crowd_lod.levels.cost_model import NAMES
 from ..blender.scene_data import engine_of
@@ -16,10 +16,19 @@ from ..freshness.artifacts import LODS, stale
 from ..overlay import viewport_overlay
 from ..runs.update_all import due_steps
 from ..settings import needs
+from ..settings.crowds import active_crowd
 from ..sources.jupedsim_run import has_jupedsim
 from . import steps
 from .agent_overrides import draw_agent_overrides
-from .crowd_list import MOVERS, draw_behavior, draw_ground, draw_simulation, draw_source
+from .crowd_list import (
+    MOVERS,
+    OfCrowd,
+    draw_behavior,
+    draw_ground,
+    draw_simulation,
+    draw_source,
+    parts_shown,
+)
 from .drawing import (
     LOD_COLORS,
     MOST_ROWS,
@@ -33,6 +42,7 @@ from .drawing import (
     table,
     wide,
 )
+from .settings_list import draw_list
 from .step_panel import Sidebar, StepPanel, help_button
 from .wardrobe_panel import CROWDLOD_PT_wardrobes
 
@@ -111,6 +121,10 @@ class CROWDLOD_PT_crowd(StepPanel, bpy.types.Panel):
 
     def body(self, context, layout, settings) -> None:
         following = steps.next_operator(context.scene)
+        draw_list(layout, settings, "crowd", settings, rows=2)
+        crowd = active_crowd(settings)
+        if crowd is not None:
+            draw_source(layout, crowd)
         layout.prop(settings, "characters")
         button(
             layout,
@@ -119,7 +133,6 @@ class CROWDLOD_PT_crowd(StepPanel, bpy.types.Panel):
             following=following,
         )
         layout.prop(settings, "forward")
-        draw_source(layout, settings)
         button(layout, "crowd_lod.populate", icon="OUTLINER_OB_POINTCLOUD", following=following)
 
 
@@ -139,7 +152,9 @@ class CROWDLOD_PT_groups(StepPanel, bpy.types.Panel):
         groups = [group for group in settings.groups if not group.variant_of]
         for group in groups[:MOST_ROWS] if len(groups) > 1 else ():
             layout.prop(group, "share", text=f"{group.name} Share", translate=False)
-        layout.prop(settings, "group_names")
+        crowd = active_crowd(settings)
+        if crowd is not None:
+            layout.prop(crowd, "group_names")
 
 
 class CROWDLOD_PT_crowd_advanced(StepPanel, bpy.types.Panel):
@@ -156,51 +171,49 @@ class CROWDLOD_PT_crowd_advanced(StepPanel, bpy.types.Panel):
         button(layout, "crowd_lod.take_action", icon="ACTION")
 
 
-class CROWDLOD_PT_behavior(StepPanel, bpy.types.Panel):
+class CROWDLOD_PT_behavior(OfCrowd, bpy.types.Panel):
     bl_label = "Behavior"
 
-    def body(self, context, layout, settings) -> None:
-        draw_behavior(layout, settings)
+    def crowd(self, context, layout, crowd) -> None:
+        draw_behavior(layout, crowd)
         layout.menu("CROWDLOD_MT_machine_presets", icon="PRESET")
-        frame = viewport_overlay.latest(context.scene)
-        machine = (
-            next((walk.machine for walk in walks_of(frame.trajectory)), None) if frame else None
-        )
+        parts = parts_shown(context.scene)
+        machine = parts[-1].machine if parts and isinstance(parts[-1], Walk) else None
         about = (
             f"{counted(len(machine.states), 'state')}, {counted(len(machine.labels), 'label')}; "
             f"edge: {machine.edge}"
             if machine
             else "-"
         )
-        label(layout, MOVERS.get(settings.source, about), "INFO")
+        label(layout, MOVERS.get(crowd.source, about), "INFO")
 
 
-class CROWDLOD_PT_behavior_advanced(StepPanel, bpy.types.Panel):
+class CROWDLOD_PT_behavior_advanced(OfCrowd, bpy.types.Panel):
     bl_label = "Advanced"
     bl_parent_id = "CROWDLOD_PT_behavior"
 
-    def body(self, context, layout, settings) -> None:
-        active_column(layout, settings.source != "POINTS").prop(settings, "first_frame")
+    def crowd(self, context, layout, crowd) -> None:
+        active_column(layout, crowd.source != "POINTS").prop(crowd, "first_frame")
 
 
-class CROWDLOD_PT_heights(StepPanel, bpy.types.Panel):
+class CROWDLOD_PT_heights(OfCrowd, bpy.types.Panel):
     bl_label = "Ground"
     bl_parent_id = "CROWDLOD_PT_behavior"
 
-    def body(self, context, layout, settings) -> None:
-        draw_ground(layout, settings)
+    def crowd(self, context, layout, crowd) -> None:
+        draw_ground(layout, crowd)
 
 
-class CROWDLOD_PT_simulation(StepPanel, bpy.types.Panel):
+class CROWDLOD_PT_simulation(OfCrowd, bpy.types.Panel):
     bl_label = "Simulation"
     bl_parent_id = "CROWDLOD_PT_behavior"
 
     @classmethod
     def poll(cls, context) -> bool:
-        return has_jupedsim()
+        return super().poll(context) and has_jupedsim()
 
-    def body(self, context, layout, settings) -> None:
-        draw_simulation(layout, settings, 0)
+    def crowd(self, context, layout, crowd) -> None:
+        draw_simulation(layout, crowd)
 
 
 class CROWDLOD_PT_camera(StepPanel, bpy.types.Panel):

@@ -10,7 +10,8 @@ class Listed(Reporting):
     """Mix-in for a button of a list.
 
     kind: what a row is, such as "override". Then the scene's settings have the rows as
-        `overrides`, and what `holder` returns has the selected row's index as `override_index`.
+        `overrides`, if `rows` does not say otherwise, and what `holder` returns has the selected
+        row's index as `override_index`.
     """
 
     kind = ""
@@ -74,16 +75,17 @@ class SwitchedRow:
         part.label(text=self.words(item), translate=False)
 
 
-def draw_list(layout, settings, kind: str, holder: bpy.types.PropertyGroup, rows: int = 4) -> None:
-    """Draw a list of the settings and its buttons.
+def draw_list(layout, owner, kind: str, holder: bpy.types.PropertyGroup, rows: int = 4) -> None:
+    """Draw a list and its buttons.
 
+    owner: of the rows, the scene's settings or a crowd.
     kind, holder: see Listed.
     rows: that are shown; below four the buttons that move rows have no room.
     """
     row = layout.row()
     row.use_property_split = False
     row.template_list(
-        f"CROWDLOD_UL_{kind}s", "", settings, f"{kind}s", holder, f"{kind}_index", rows=rows
+        f"CROWDLOD_UL_{kind}s", "", owner, f"{kind}s", holder, f"{kind}_index", rows=rows
     )
     column = row.column(align=True)
     for work, icon in (("add", "ADD"), ("remove", "REMOVE")):

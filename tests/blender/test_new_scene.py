@@ -108,7 +108,7 @@ def test_points_of_an_object_get_a_scene_that_films_them(people, ground, tmp_pat
         told["frames"] == [3, 30] == [scene.frame_start, scene.frame_end]
         and len(bpy.data.scenes) == 1
     )
-    assert (settings.source, settings.points.name, len(settings.crowds)) == ("POINTS", "Scatter", 0)
+    assert (settings.source, settings.points.name, len(settings.crowds)) == ("POINTS", "Scatter", 1)
     assert (
         settings.levels is not None
         and settings.thresholds[0] == 0.25

@@ -27,11 +27,11 @@ def places_of(street):
     return np.concatenate([np.column_stack([crowd.x, crowd.y]) for crowd in crowds])
 
 
-def test_further_crowds_get_walls_of_their_own(street):
+def test_each_crowd_gets_walls_of_its_own(street):
     settings = street.crowd_lod
     settings.use_crowd = False
     settings.crowds.add().name = "Guests"
-    guests = settings.crowds[0]
+    guests = settings.crowds[1]
     guests.count = 30
     guests.size = settings.size
     assert "Guests: 1 object stands in the crowd's way (kiosk)" in warnings_of(street)

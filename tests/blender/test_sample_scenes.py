@@ -67,10 +67,11 @@ def digest(scene):
             out.update(
                 repr([(tuple(m.diffuse_color), m.roughness) for m in item.data.materials]).encode()
             )
+    for crowd in scene.crowd_lod.crowds:
+        if crowd.source == "MACHINE":
+            out.update(image_data.read_pixels(crowd.map_image).tobytes())
+            out.update(crowd.machine.as_string().encode())
     for settings in (scene.crowd_lod, *scene.crowd_lod.crowds):
-        if settings.source == "MACHINE":
-            out.update(image_data.read_pixels(settings.map_image).tobytes())
-            out.update(settings.machine.as_string().encode())
         for setting in settings.bl_rna.properties:
             if setting.type not in ("POINTER", "COLLECTION"):
                 value = getattr(settings, setting.identifier)
@@ -192,7 +193,7 @@ def test_people_of_the_station_stand_on_its_floors_and_keep_out_of_what_is_in_th
                 z,
             )
             seen.add("above" if z > 4.4 else "stairs" if z > 0.1 else "below")
-        walkers = there[there < len(trajectory.start) - settings.crowds[0].count]
+        walkers = there[there < len(trajectory.start) - settings.crowds[1].count]
         assert 200 < len(walkers) < 300
         x, y, z = (column[walkers] for column in (crowd.x, crowd.y, crowd.z))
         for x0, y0, x1, y1 in (station_plan.KIOSK, *station_plan.WAITING, *station_plan.COLUMNS):
@@ -214,7 +215,7 @@ def test_who_waits_in_the_station_plays_another_action_of_the_three_groups():
     )
     crowd = trajectory.at(50)
     assert set(crowd.group) == {0, 1, 2}
-    waiting = slice(-scene.crowd_lod.crowds[0].count, None)
+    waiting = slice(-scene.crowd_lod.crowds[1].count, None)
     assert not set(crowd.pace[waiting]) & set(crowd.pace[: waiting.start])
 
 

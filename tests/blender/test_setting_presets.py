@@ -11,6 +11,7 @@ from bl_operators.presets import AddPresetBase
 from crowd_lod_extension.operators import registration
 from crowd_lod_extension.operators.settings import presets, properties
 from crowd_lod_extension.operators.settings.budgets import LIMITS
+from crowd_lod_extension.operators.settings.crowd_settings import CROWD_NAMES
 
 
 def value(settings, name):
@@ -36,7 +37,7 @@ def other(prop):
 
 def change_all(settings):
     for name in presets.setting_names():
-        setattr(settings, name, other(settings.bl_rna.properties[name]))
+        setattr(settings, name, other(properties.property_of(name)))
     return values(settings)
 
 
@@ -55,7 +56,7 @@ def test_a_preset_holds_settings_that_can_be_written(settings):
     assert names and len(set(names)) == len(names)
     for name in names:
         before = value(settings, name)
-        setattr(settings, name, other(settings.bl_rna.properties[name]))
+        setattr(settings, name, other(properties.property_of(name)))
         assert value(settings, name) != before
 
 
@@ -70,7 +71,8 @@ def test_reset_brings_back_the_defaults(settings):
     with bpy.context.temp_override(scene=scene):
         assert bpy.ops.crowd_lod.reset() == {"FINISHED"}
     assert values(settings) == usual
-    assert not any(settings.is_property_set(name) for name in usual)
+    owners = [settings.crowds[0] if name in CROWD_NAMES else settings for name in usual]
+    assert not any(owner.is_property_set(name) for owner, name in zip(owners, usual, strict=True))
     assert settings.characters == kept and settings.output_folder == "//mine"
     assert settings.estimate == ""  # it was of other settings
 
@@ -123,6 +125,7 @@ OPERATORS = [
 ]
 ALWAYS = {
     "add_area",
+    "add_crowd",
     "add_override",
     "help",
     "machine_import",

@@ -12,6 +12,7 @@ from crowd_lod_extension.operators.machine import scene_world
 from crowd_lod_extension.operators.render_setup import buckets, render_setup
 from crowd_lod_extension.operators.scene import scene_crowd, stuck_agents
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
+from crowd_lod_extension.operators.settings.crowd_settings import CROWD_NAMES
 from crowd_lod_extension.operators.ui import steps
 
 from ..support.messages import told
@@ -190,13 +191,18 @@ def test_every_setting_and_button_says_what_it_is():
                 assert all(said) and setting.name != name, f"{kind.__name__}.{name}"
 
 
+def stored(scene, name):
+    """What the file keeps of the settings that have `name`: the scene's, or its first crowd's."""
+    if bpy.app.version >= (5, 0, 0):
+        settings = scene.crowd_lod
+        owner = settings.crowds[0] if name in CROWD_NAMES else settings
+        return owner.bl_system_properties_get()
+    kept = scene["crowd_lod"]
+    return kept["crowds"][0] if name in CROWD_NAMES else kept
+
+
 def test_settings_that_nobody_can_set_are_named(levelled):
     settings = levelled.crowd_lod
-    raw = (
-        settings.bl_system_properties_get()
-        if bpy.app.version >= (5, 0, 0)
-        else levelled["crowd_lod"]
-    )
     for name, value, said in (
         ("forward", 9, "Forward of Scene has no known value: choose one of -Y"),
         ("count", 10**9, "Agents of Scene is 1e"),
@@ -204,6 +210,7 @@ def test_settings_that_nobody_can_set_are_named(levelled):
         ("map_image", levelled.camera, "Map of Scene is .*: choose one of the kind Image"),
     ):
         before = set(bpy.data.user_map())
+        raw = stored(levelled, name)
         sound = getattr(settings, name)
         sound = tuple(sound) if name == "size" else sound
         raw.pop(name, None)

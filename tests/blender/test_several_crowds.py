@@ -1,4 +1,4 @@
-"""Further crowds of a scene: one plan, overlay and build over all; bad settings are told."""
+"""Several crowds of a scene: one plan, overlay and build over all; bad settings are told."""
 
 import bpy
 import numpy as np
@@ -14,7 +14,7 @@ from ..support.scene_frames import frame_at, frame_now
 def two(levelled):
     bpy.ops.crowd_lod.populate()
     bpy.ops.crowd_lod.add_crowd()
-    more = levelled.crowd_lod.crowds[0]
+    more = levelled.crowd_lod.crowds[1]
     more.count = 40
     more.center = (0, 5, 3)
     more.size = (10, 10)
@@ -37,7 +37,7 @@ def test_build_has_both_and_a_hidden_crowd_leaves_it(two):
     frame = frame_now(two, bpy.context.evaluated_depsgraph_get())
     shown = _ids(two)
     assert sorted(shown) == sorted(frame.buckets.order.tolist()) and max(shown) >= 300
-    two.crowd_lod.crowds[0].use_crowd = False
+    two.crowd_lod.crowds[1].use_crowd = False
     two.frame_set(2)
     assert max(_ids(two)) < 300
 
@@ -58,7 +58,7 @@ def test_removing_the_crowd_gives_the_first_one_back(two):
 
 
 def test_a_group_that_is_not_there_is_named(two):
-    two.crowd_lod.crowds[0].group_names = "child, elephant"
+    two.crowd_lod.crowds[1].group_names = "child, elephant"
     with pytest.raises(CrowdError, match="Crowd 2 asks for the character group elephant.*adult"):
         trajectory_of(two)
 
@@ -71,7 +71,7 @@ def test_a_plan_of_the_shot_holds_all_crowds_and_is_told_when_one_changes(two, t
     bpy.ops.crowd_lod.plan_shot()
     frame = frame_at(two, bpy.context.evaluated_depsgraph_get(), 2)
     assert frame.planned and len(frame.plan_row) == 340
-    settings.crowds[0].seed += 1
+    settings.crowds[1].seed += 1
     frame = frame_at(two, bpy.context.evaluated_depsgraph_get(), 2)
     assert not frame.planned and "a further crowd" in frame.unplanned
     assert np.isfinite(frame.crowd.x).all()

@@ -228,7 +228,7 @@ def test_a_cut_to_another_camera_hides_switches(zoomed):
 def test_settings_that_are_animated_are_refused(zoomed, tmp_path):
     settings = zoomed.crowd_lod
     for frame, settings.count in ((1, 40), (12, 60)):
-        settings.keyframe_insert("count", frame=frame)
+        settings.crowds[0].keyframe_insert("count", frame=frame)
     settings.frames = "1:12"
     settings.output_folder = str(tmp_path)
     with pytest.raises(RuntimeError, match="The crowd's settings change at frame"):

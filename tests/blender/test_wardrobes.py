@@ -118,13 +118,13 @@ def test_what_is_worn_follows_overrides_points_and_further_crowds(dressed):
     assert settings.overrides[-1].agents == str(third)
     settings.overrides.clear()
     bpy.ops.crowd_lod.add_crowd()
-    settings.crowds[0].count = 50
+    settings.crowds[1].count = 50
     several = populated(scene)
     assert len(several.bare.start) == 250 and len(several.parts) == 2
-    settings.crowds[0].use_crowd = False
+    settings.crowds[1].use_crowd = False
     hidden = trajectory_of(scene).at(1).present
     assert (hidden == (several.wearer < 200)).all()
-    settings.crowds.remove(0)
+    settings.crowds.remove(1)
     item = scatter(scene, attributes=[("id", "INT", np.arange(60) * 7)])
     points = crowd_of(scene, item)
     people = len(points.bare.start)

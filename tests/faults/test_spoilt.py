@@ -117,12 +117,15 @@ def spoil_property(scene, dice):
 
 def spoil_setting(scene, dice):
     """Give a setting, or one of a group's, a value that Blender lets nobody set."""
-    settings = dice.choice([scene.crowd_lod, scene.crowd_lod, *scene.crowd_lod.groups])
+    settings = dice.choice([scene.crowd_lod, *scene.crowd_lod.crowds, *scene.crowd_lod.groups])
     raw = (
         settings.bl_system_properties_get(do_create=True) if bpy.app.version >= (5, 0, 0) else None
     )
     if raw is None:
-        raw = scene["crowd_lod"] if settings == scene.crowd_lod else scene["crowd_lod"]["groups"][0]
+        kept = scene["crowd_lod"]
+        kinds = {"CrowdLodCrowd": "crowds", "CrowdLodGroup": "groups"}
+        kind = kinds.get(type(settings).__name__)
+        raw = kept if kind is None else kept[kind][0]
     setting = dice.choice(settings.bl_rna.properties[1:])
     values = {
         "ENUM": (99, -1),

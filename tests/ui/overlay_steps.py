@@ -83,7 +83,7 @@ def changes():
     image.pixels[:] = pixels
     empty = bpy.data.objects.new("number", None)
     scene().collection.objects.link(empty)
-    driver = settings().id_data.driver_add("crowd_lod.count").driver
+    driver = scene().driver_add("crowd_lod.crowds[0].count").driver
     variable = driver.variables.new()
     variable.name = "x"
     variable.type = "TRANSFORMS"
@@ -93,10 +93,11 @@ def changes():
     found["driver"] = yield from followed(
         lambda: move(empty, 50.0), lambda now: len(now.frame.crowd) == 350
     )
-    scene().driver_remove("crowd_lod.count")
-    settings().keyframe_insert("count", frame=1)
-    settings().count = 420
-    settings().keyframe_insert("count", frame=30)
+    scene().driver_remove("crowd_lod.crowds[0].count")
+    crowd = settings().crowds[0]
+    crowd.keyframe_insert("count", frame=1)
+    crowd.count = 420
+    crowd.keyframe_insert("count", frame=30)
     found["animation"] = yield from followed(
         lambda: scene().frame_set(30), lambda now: len(now.frame.crowd) == 420
     )

@@ -3,7 +3,8 @@ PORT.
 
 test_panels.py listens on the PORT of this machine. It gets one line that says what settings there
 are, and sends the changes that make a state, a line each. After each change all panels are drawn
-and all polls asked; the answer to a line is what was said on stderr, and which panels were drawn.
+and all polls asked; the answer to a line is what was said on stderr, which panels were drawn, and
+how many crowds the scene has.
 All panels are open.
 """
 
@@ -54,6 +55,7 @@ def session():
         getattr(bpy.types, name).append(lambda _, __, name=name: drawn.add(name))
     owners = {
         "settings": settings(),
+        "crowd": settings().crowds[0],
         "group": settings().groups[0],
         "override": settings().overrides[0],
     }
@@ -116,7 +118,7 @@ def answered(changes: list):
                 yield from robot.drawn(REST)
         if "Traceback" in said.getvalue():
             return {"after": changes[: n + 1], "said": said.getvalue()[-3000:]}
-    return {"said": "", "drawn": sorted(drawn)}
+    return {"said": "", "drawn": sorted(drawn), "crowds": len(settings().crowds)}
 
 
 def change_it(what: str, *words):
@@ -124,6 +126,7 @@ def change_it(what: str, *words):
         owner, n, name, value = words
         several = {
             "settings": [settings()],
+            "crowd": settings().crowds,
             "group": settings().groups,
             "override": settings().overrides,
             "editor": [scene().crowd_lod_editor],
@@ -180,6 +183,11 @@ def renamed():
         child.name = f"other {child.name}"
 
 
+def crowd():
+    """The active crowd, made if there is none."""
+    return settings().active_crowd
+
+
 def unknown(owner, name: str):
     """A number that is no choice, as another version of Crowd LOD may leave it in a file."""
     raw = owner.bl_system_properties_get(do_create=True) if bpy.app.version >= (5, 0, 0) else owner
@@ -234,13 +242,13 @@ DONE = {
     "groups forgotten": lambda: settings().groups.clear(),
     "group forgotten": lambda: settings().groups.remove(0),
     "another group": lambda: settings().groups.add(),
-    "machine spoilt": lambda: settings().machine and settings().machine.from_string('{"states": ['),
-    "machine emptied": lambda: settings().machine and settings().machine.clear(),
-    "machine removed": lambda: gone(settings().machine, bpy.data.texts),
+    "machine spoilt": lambda: crowd().machine and crowd().machine.from_string('{"states": ['),
+    "machine emptied": lambda: crowd().machine and crowd().machine.clear(),
+    "machine removed": lambda: gone(crowd().machine, bpy.data.texts),
     "machine of the market": lambda: preset("market"),
-    "an area": lambda: settings().areas.add(),
-    "map lost": lambda: lost(settings().map_image),
-    "map removed": lambda: gone(settings().map_image, bpy.data.images),
+    "an area": lambda: crowd().areas.add(),
+    "map lost": lambda: lost(crowd().map_image),
+    "map removed": lambda: gone(crowd().map_image, bpy.data.images),
     "no camera": lambda: filmed(None),
     "camera no camera": lambda: filmed(
         next(item for item in bpy.data.objects if item.type != "CAMERA")
@@ -251,6 +259,7 @@ DONE = {
     "overrides by unknown": lambda: [unknown(entry, "select_by") for entry in settings().overrides],
     "type of override unknown": lambda: [unknown(entry, "type") for entry in settings().overrides],
     "library missing": lambda: sys.modules.update(fast_simplification=None),
+    "crowds forgotten": lambda: settings().crowds.clear(),
     "new scene": lambda: shown(bpy.data.scenes.new("New")),
     "copy of the scene": lambda: shown(scene().copy()),
     "other scene": lambda: shown(bpy.data.scenes[-1 if scene() == bpy.data.scenes[0] else 0]),

@@ -269,11 +269,13 @@ def picture(name: str):
 
 
 def snapshot() -> dict[str, list]:
-    """The file's data-blocks by kind and name, and the crowd's settings."""
+    """The file's data-blocks by kind and name, and the settings of the scene and its crowds."""
     found = {kind: sorted(block.name for block in getattr(bpy.data, kind)) for kind in KINDS}
     settings = window().scene.crowd_lod
     found["settings"] = [
-        f"{name}: {_value(settings, name)}" for name in settings.bl_rna.properties.keys()
+        f"{name}: {_value(owner, name)}"
+        for owner in (settings, *settings.crowds)
+        for name in owner.bl_rna.properties.keys()
     ]
     return found
 

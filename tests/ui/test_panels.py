@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 STATES = 10 * int(os.environ.get("CROWD_LOD_TRIALS", "1"))
 BUTTONS = (
-    "populate remove_build add_override remove_override move_override "
+    "populate add_crowd remove_crowd remove_build add_override remove_override move_override "
     "add_agent_override override_agent find_agents erase go_to_switch machine_preset"
 ).split()
 BUTTONS += (
@@ -25,7 +25,7 @@ BUTTONS += (
 TEXTS = "", "garbage.npz", "plan.npz", "//gone/plan.npz", "a\tb\nc", "\n", "1,5", "x" * 300
 
 # panels of what JuPedSim does, which this Blender lacks
-WITH_JUPEDSIM = {"CROWDLOD_PT_simulation", "CROWDLOD_PT_crowd_simulation"}
+WITH_JUPEDSIM = {"CROWDLOD_PT_simulation"}
 
 
 class Window:
@@ -46,11 +46,15 @@ class Window:
 
     def draw(self, changes: list) -> list[str]:
         """Make the changes, one after the other; the panels that were drawn."""
+        return self.answer(changes)["drawn"]
+
+    def answer(self, changes: list) -> dict:
+        """Make the changes, one after the other; the answer of panel_states.py."""
         self._talk.write(json.dumps(changes) + "\n")
         self._talk.flush()
         answer = self._answer()
         assert not answer["said"], f"after {answer['after']}:\n{answer['said']}"
-        return answer["drawn"]
+        return answer
 
     def close(self):
         self._talk.close()
@@ -106,6 +110,12 @@ def test_all_panels_are_drawn_in_the_sidebar_or_where_they_pop_up(window):
     no_characters = ("set", "settings", 0, "characters", None)  # else no sample scenes
     drawn_panels = window.draw([("another view layer",), *opened, no_characters])
     assert drawn_panels == [name for name in knows["panels"] if name not in WITH_JUPEDSIM]
+
+
+def test_drawings_of_a_new_scene_make_no_crowd(window):
+    answer = window.answer([("new scene",), ("popover", "CROWDLOD_PT_presets")])
+    assert answer["crowds"] == 0 and "CROWDLOD_PT_crowd" in answer["drawn"]
+    assert "CROWDLOD_PT_behavior" not in answer["drawn"]
 
 
 def test_figures_of_groups_that_are_gone_are_not_drawn(window):
