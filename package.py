@@ -23,8 +23,8 @@ from html import escape
 from importlib.util import find_spec
 from pathlib import Path
 
+from crowd_lod_extension.crowd_lod import interrupt
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.output import interrupt
 from crowd_lod_extension.crowd_lod.output.files import staged
 from crowd_lod_extension.crowd_lod.output.html_report import STYLE, document
 from markdown import Markdown

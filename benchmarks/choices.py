@@ -28,9 +28,9 @@ from crowd_lod_extension.crowd_lod.levels.cost_model import Price, default_costs
 from crowd_lod_extension.crowd_lod.levels.selection import GroupShot, cheapest, priced
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import scene_data
-from crowd_lod_extension.operators.characters.stored_groups import groups_of, store_groups
-from crowd_lod_extension.operators.lod_meshes import selection
-from crowd_lod_extension.operators.render_setup import render_setup
+from crowd_lod_extension.operators.build import render_setup
+from crowd_lod_extension.operators.lods import selection
+from crowd_lod_extension.operators.scene.characters.stored_groups import groups_of, store_groups
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 from jobs import answer, job, peak_mb
 from worth import LIMIT, show

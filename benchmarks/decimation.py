@@ -18,7 +18,7 @@ from crowd_lod_extension.crowd_lod.mesh import Mesh
 from crowd_lod_extension.crowd_lod.output.error_plots import COLORS
 from crowd_lod_extension.crowd_lod.simplification.decimate import decimate
 from crowd_lod_extension.operators.blender.mesh_data import new_mesh, read_mesh
-from crowd_lod_extension.operators.lod_meshes.surface import Surface, deviation
+from crowd_lod_extension.operators.lods.surface import Surface, deviation
 from crowd_lod_extension.sample_scenes.characters import make_characters
 from matplotlib.figure import Figure
 

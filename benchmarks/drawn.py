@@ -14,10 +14,10 @@ from crowd_lod_extension.crowd_lod.frame.frame import Frame, cost, plan, tally
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 from crowd_lod_extension.crowd_lod.sorting.buckets import sort
 from crowd_lod_extension.crowd_lod.sources.trajectory import Trajectory
-from crowd_lod_extension.operators.overlay.draw_data import Style, drawing
-from crowd_lod_extension.operators.overlay.gpu_batches import Batches, GpuBodies
-from crowd_lod_extension.operators.overlay.gpu_draw import paint
-from crowd_lod_extension.operators.overlay.skinned_characters import SkinnedCharacter
+from crowd_lod_extension.operators.viewport.draw_data import Style, drawing
+from crowd_lod_extension.operators.viewport.gpu_batches import Batches, GpuBodies
+from crowd_lod_extension.operators.viewport.gpu_draw import paint
+from crowd_lod_extension.operators.viewport.skinned_characters import SkinnedCharacter
 
 SIZE = 900, 900  # the chapter's viewport
 JOINTS = 20

@@ -21,9 +21,9 @@ from cost_fit import fit_costs
 from crowd_lod_extension.crowd_lod.levels.cost_model import MEMORY
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender.ownership import remove_owned
-from crowd_lod_extension.operators.render_setup import bake, cost_estimate, render_setup
+from crowd_lod_extension.operators.build import bake, cost_estimate, render_setup
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
-from crowd_lod_extension.operators.settings.cost_table import BuildCase
+from crowd_lod_extension.operators.settings.stored_figures import BuildCase
 from crowd_lod_extension.sample_scenes.scenery import add, aim, camera, material, tile
 from jobs import answer, job, peak_mb
 

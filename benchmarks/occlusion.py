@@ -23,13 +23,13 @@ from crowd_lod_extension.crowd_lod.frame.hidden import hidden_wholly, hide
 from crowd_lod_extension.crowd_lod.output import files, tables
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import scene_data
-from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.render_setup import bake, buckets, render_setup
-from crowd_lod_extension.operators.render_setup.aovs import materials_of
-from crowd_lod_extension.operators.render_setup.hidden_characters import hide_characters
-from crowd_lod_extension.operators.scene.frame_plan import frame_of, moment_now
+from crowd_lod_extension.operators.build import bake, render_setup, shelves
+from crowd_lod_extension.operators.build.aovs import materials_of
+from crowd_lod_extension.operators.build.visibility import hide_characters
+from crowd_lod_extension.operators.lods.make_lods import make_levels
 from crowd_lod_extension.operators.scene.lights import read_surroundings
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
+from crowd_lod_extension.operators.scene.shot_reference import frame_of, moment_now
 from jobs import answer, job, peak_mb
 from mathutils import Vector
 from mathutils.bvhtree import BVHTree
@@ -305,7 +305,7 @@ def make(way: str, engine: str, file: str, agents: int) -> dict:
     scene.cycles.max_bounces = 0  # hidden agents' light that bounces is lost (docs/limits.md)
     finished(make_levels(scene))
     finished(bake.bake(scene, [SHOWN]))
-    shown = sum(len(item.data.vertices) for item in buckets.points_of(settings.build).values())
+    shown = sum(len(item.data.vertices) for item in shelves.points_of(settings.build).values())
     hide_characters(scene)
     bake.keep_what_renders(scene)
     if way == "nobody":

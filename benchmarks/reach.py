@@ -30,9 +30,9 @@ from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import console
 from crowd_lod_extension.operators.blender.mesh_data import count_triangles
 from crowd_lod_extension.operators.blender.ownership import remove_owned
-from crowd_lod_extension.operators.render_setup import bake, buckets
-from crowd_lod_extension.operators.render_setup.hidden_characters import hide_characters
-from crowd_lod_extension.operators.runs.error_report import machine_name
+from crowd_lod_extension.operators.build import bake, shelves
+from crowd_lod_extension.operators.build.visibility import hide_characters
+from crowd_lod_extension.operators.deliver.error_report import machine_name
 from jobs import job
 from ways import FRAMES, NOBODY
 from worth import LIMIT, PICTURE, show
@@ -233,7 +233,7 @@ def _bake(way: str, folder: str) -> dict:
         scene.crowd_lod.margin = ALL
     finished(bake.bake(scene, FRAMES))
     hide_characters(scene)
-    shown = buckets.points_of(scene.crowd_lod.build).values()
+    shown = shelves.points_of(scene.crowd_lod.build).values()
     agents = sum(len(points.data.vertices) for points in shown) // len(FRAMES)
     bake.keep_what_renders(scene)
     return {"agents": agents, **_save(way, folder)}

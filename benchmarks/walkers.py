@@ -13,7 +13,7 @@ from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 from crowd_lod_extension.crowd_lod.sources.trajectory import Trajectory
 from crowd_lod_extension.operators.blender import mesh_data
-from crowd_lod_extension.operators.render_setup import frame_update
+from crowd_lod_extension.operators.build import frame_update
 from peers import Nodes, Tree
 
 POSES = 8  # of each LOD's action, as the build makes them

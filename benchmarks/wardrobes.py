@@ -13,9 +13,9 @@ import bpy
 import crowd_lod_extension
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender.cameras import read_cameras
-from crowd_lod_extension.operators.render_setup.cost_estimate import estimate
-from crowd_lod_extension.operators.scene.frame_plan import SceneMoment, frame_of
+from crowd_lod_extension.operators.build.cost_estimate import estimate
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd, trajectory_of
+from crowd_lod_extension.operators.scene.shot_reference import SceneMoment, frame_of
 from crowd_lod_extension.sample_scenes.characters import make_characters
 from crowd_lod_extension.sample_scenes.scenery import aim, camera
 

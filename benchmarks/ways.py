@@ -30,21 +30,21 @@ from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import mesh_data, scene_data
 from crowd_lod_extension.operators.blender.ownership import remove_owned
-from crowd_lod_extension.operators.characters.group_measuring import measure_groups
-from crowd_lod_extension.operators.characters.stored_groups import store_groups
-from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.render_setup import (
+from crowd_lod_extension.operators.build import (
     bake,
-    buckets,
     cost_estimate,
     frame_update,
     render_setup,
+    shelves,
 )
-from crowd_lod_extension.operators.render_setup.hidden_characters import hide_characters
-from crowd_lod_extension.operators.render_setup.shelves import RIGS, SHELF
-from crowd_lod_extension.operators.scene.frame_plan import frame_of, moment_now
+from crowd_lod_extension.operators.build.shelves import RIGS, SHELF
+from crowd_lod_extension.operators.build.visibility import hide_characters
+from crowd_lod_extension.operators.lods.make_lods import make_levels
+from crowd_lod_extension.operators.scene.characters.group_measuring import measure_groups
+from crowd_lod_extension.operators.scene.characters.stored_groups import store_groups
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
-from crowd_lod_extension.operators.settings.cost_table import FULL, BuildCase
+from crowd_lod_extension.operators.scene.shot_reference import frame_of, moment_now
+from crowd_lod_extension.operators.settings.stored_figures import FULL, BuildCase
 from jobs import answer, peak_mb
 
 NOBODY = "nobody"
@@ -186,7 +186,7 @@ def counted(top: bpy.types.Collection) -> dict[str, int]:
 
     See crowd_lod/levels/cost_model.py.
     """
-    (points,) = buckets.points_of(top).values()
+    (points,) = shelves.points_of(top).values()
     shelf = next(child for child in top.children_recursive if child.get(SHELF, -1) == 0)
     homes = sorted(shelf.children, key=lambda home: home.name)
     triangles = np.array(
@@ -249,7 +249,7 @@ def dress_scene(scene: bpy.types.Scene, way: str) -> None:
     crowd = read_crowd(scene)
     trajectory = crowd.trajectory
     top = settings.build
-    points = buckets.points_of(top)
+    points = shelves.points_of(top)
     rows = {bucket: [] for bucket in points}
     cast = render_setup.cast_of(top, trajectory)
     for number in FRAMES:
@@ -259,7 +259,7 @@ def dress_scene(scene: bpy.types.Scene, way: str) -> None:
         crowd_now = frame_update.OpenShutter(frame.crowd, frame.time)
         for bucket in points:
             is_used = (
-                bucket == (buckets.BucketKind.LOD, 0)
+                bucket == (shelves.BucketKind.LOD, 0)
                 if way in (EVERYONE, CAMERA_CULL)
                 else way == NODES and bucket.is_seen
             )
@@ -317,7 +317,7 @@ def _cull(points: bpy.types.Object, groups: tuple[Group, ...], frame) -> None:
     equal.operation = "EQUAL"
     lod.inputs["Name"].default_value = "lod"
     lod_input, level_input = (socket for socket in equal.inputs if socket.enabled)
-    level_input.default_value = points[buckets.LEVEL]
+    level_input.default_value = points[shelves.LEVEL]
     for output, socket in (
         (next(s for s in lod.outputs if s.enabled), lod_input),
         (equal.outputs[0], keep.inputs["Selection"]),

@@ -22,7 +22,7 @@ from bench import table
 from crowd_lod_extension.crowd_lod.output import files as outputs
 from crowd_lod_extension.crowd_lod.output import tables
 from crowd_lod_extension.crowd_lod.output.error_plots import COLORS
-from crowd_lod_extension.operators.runs.error_report import machine_name
+from crowd_lod_extension.operators.deliver.error_report import machine_name
 from jobs import job
 from ways import BAKED, EVERYONE, FRAMES, NOBODY, shown_by
 

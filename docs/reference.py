@@ -14,16 +14,15 @@ from typing import Any
 import bpy
 import crowd_lod_extension
 from crowd_lod_extension.operators import registration
-from crowd_lod_extension.operators.cli.arguments import parser
-from crowd_lod_extension.operators.settings.area_settings import CrowdLodArea
-from crowd_lod_extension.operators.settings.crowd_settings import CROWD_NAMES
-from crowd_lod_extension.operators.settings.override_settings import CrowdLodOverride
+from crowd_lod_extension.operators.cli.commands import parser
+from crowd_lod_extension.operators.settings.crowd_settings import CROWD_NAMES, CrowdLodArea
 from crowd_lod_extension.operators.settings.properties import (
     STEPS,
     CrowdLodGroup,
     CrowdLodSettings,
     property_of,
 )
+from crowd_lod_extension.operators.settings.shot_settings import CrowdLodOverride
 
 DOCS = Path(__file__).parent
 WRITTEN = "Written by `docs/reference.py` from the code: change the code, and run it again."

@@ -5,8 +5,8 @@ import atexit
 import bpy
 
 from .blender import (
+    callbacks,
     collection_caches,
-    main_thread,
     operator,
     output_folders,
     provenance,
@@ -14,28 +14,24 @@ from .blender import (
     scenery,
     steps,
 )
-from .characters import characters_from_selection, give_lod, take_action, wardrobe_buttons
+from .build import aovs, buttons, character_images, frame_update
 from .cli import commands
-from .hand_over import farm_job
-from .lod_meshes import make_lods
-from .machine import machine_buttons, machine_settings, map_areas, map_painting, state_machine_menu
-from .overlay import agent_picker, viewport_image, viewport_overlay
-from .render_setup import aovs, buttons, character_images, frame_update
-from .runs import open_report, preview, update_all, verify_button
-from .scene import plan_verdict, populate, sample_menu, scene_crowd, walls_button
-from .settings import (
-    area_settings,
-    override_settings,
-    presets,
-    properties,
-    setting_changes,
-)
-from .shot import shot_plan
-from .sources import record_points, simulate
+from .deliver import farm_job, open_report, update_all
+from .deliver.preview import preview
+from .deliver.proof import verify
+from .deliver.usd import export
+from .lods import give_lod, make_lods
+from .plan import shot_plan
+from .scene import plan_verdict, populate, scene_crowd, walls_button
+from .scene.characters import characters_from_selection, take_action, wardrobe_buttons
+from .scene.machine import machine_buttons, machine_settings, map_areas, map_painting
+from .scene.sources import record_points, simulate
+from .settings import crowd_settings, presets, properties, setting_changes, shot_settings
 from .ui import (
     agent_overrides,
     area_list,
     crowd_list,
+    drawing,
     machine_panels,
     manual,
     menus,
@@ -43,21 +39,18 @@ from .ui import (
     panels,
     popovers,
     shot_panels,
-    swatches,
 )
-from .usd import export_button
+from .viewport import agent_picker, playblast, viewport_overlay
 
 MODULES = (
     operator,
-    area_settings,
-    override_settings,
+    crowd_settings,
+    shot_settings,
     override_list,
     agent_overrides,
     area_list,
     properties,
     machine_settings,
-    sample_menu,
-    state_machine_menu,
     machine_buttons,
     map_painting,
     populate,
@@ -72,13 +65,13 @@ MODULES = (
     preview,
     shot_plan,
     update_all,
-    verify_button,
+    verify,
     open_report,
-    viewport_image,
+    playblast,
     buttons,
     character_images,
     aovs,
-    export_button,
+    export,
     farm_job,
     agent_picker,
     presets,
@@ -144,7 +137,7 @@ def register() -> None:
     for name, functions in HANDLERS.items():
         for function in functions:
             getattr(bpy.app.handlers, name).append(function)
-    main_thread.register()
+    callbacks.register()
     menus.register()
     manual.register()
     viewport_overlay.register()
@@ -159,7 +152,7 @@ def unregister() -> None:
     viewport_overlay.unregister()
     manual.unregister()
     menus.unregister()
-    main_thread.unregister()
+    callbacks.unregister()
     for name, functions in HANDLERS.items():
         handlers = getattr(bpy.app.handlers, name)
         for function in functions:
@@ -167,7 +160,7 @@ def unregister() -> None:
                 handlers.remove(function)
     scene_cache.forget()
     setting_changes.FOLLOWERS.clear()
-    swatches.unregister()
+    drawing.unregister()
     map_areas.unregister()
     machine_settings.unregister()
     del bpy.types.Scene.crowd_lod

@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 
 from ..operators.blender import image_data
-from ..operators.machine import terrain_source
+from ..operators.scene.machine import scene_world
 from . import station_plan as site
 from .characters import make_characters
 from .scenery import add, aim, box, camera, child, film, material, tile, windows
@@ -68,7 +68,7 @@ def make(scene: bpy.types.Scene) -> None:
     layer = scene.view_layers[0]
     layer.update()
     for crowd in settings.crowds:
-        terrain_source.read_terrain(crowd, layer.depsgraph)
+        scene_world.read_terrain(crowd, layer.depsgraph)
 
 
 def waiting_map() -> bpy.types.Image:

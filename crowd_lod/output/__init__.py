@@ -1,4 +1,4 @@
-"""Output of a run: files, tables, web pages, messages, and the end by Ctrl-C.
+"""Output of a run: files, tables, plots and web pages.
 
 In: rows, pictures, paths.
 Out: files, put in place all or none; text for streams that may be closed or full.

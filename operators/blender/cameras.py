@@ -10,7 +10,7 @@ from ...crowd_lod.culling.camera import Camera, Window, lens_blur, referential, 
 from ...crowd_lod.culling.shutter import open_shutter
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.progress import Workload, finished
-from .frame_stepping import At, stage, step_frames
+from .evaluation import At, stage, step_frames
 from .ownership import is_ours
 from .scene_data import EEVEE, meters, remap
 

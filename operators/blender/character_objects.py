@@ -1,10 +1,29 @@
-"""The objects of a character group that have a shape."""
+"""The objects of a character group: those with a shape, and props, which some agents have."""
 
 from collections.abc import Sequence
 
 import bpy
 
 from ...crowd_lod.errors import CrowdError
+
+# custom property of an object: the chance that an agent has it, and all that is parented to it
+PROP = "prop"
+JOINT = " + "  # in a part's name, between the group and what its agents wear
+
+
+def group_of(name: str) -> str:
+    """Return the name of the group whose agents wear the part called `name`; of a group its own."""
+    return name.partition(JOINT)[0]
+
+
+def prop_of(item: bpy.types.Object | None) -> bpy.types.Object | None:
+    """Return the outermost prop that the object is, or is parented to; None if it is of no prop."""
+    prop = None
+    while item is not None:
+        prop = item if PROP in item else prop
+        item = item.parent
+    return prop
+
 
 # kinds of objects whose shape may be a mesh
 GEOMETRY = {"MESH", "CURVE", "SURFACE", "FONT", "CURVES"}

@@ -13,7 +13,7 @@ docs/notes/blender_traps.md.
 import bpy
 from bpy.types import Collection
 
-from .guard import handler
+from .callbacks import handler
 
 CHANGES = "crowd_lod_changes"  # of a collection of the build: how often something below it changed
 MOST = 2**30  # after which the count begins anew

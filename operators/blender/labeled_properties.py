@@ -10,7 +10,7 @@ from typing import Any
 
 from bpy import props
 
-from .guard import guard
+from .callbacks import guard
 
 CONTEXT = "Crowd LOD"
 

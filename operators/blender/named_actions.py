@@ -11,8 +11,8 @@ from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.crowd.paces import mixed_in
 from ...crowd_lod.errors import CrowdError
 from .animation import action_range, armatures_of, players_of, span_of
+from .character_objects import group_of
 from .performance import Performance, PlayedAction, slot_curves
-from .props import group_of
 from .root_motion import of_action, of_character
 
 

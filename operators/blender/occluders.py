@@ -10,9 +10,9 @@ import numpy as np
 from ...crowd_lod.culling.occluders import Occluders, Topology, join_occluders, topology_of
 from ...crowd_lod.mesh import Mesh, place
 from . import scene_cache
+from .evaluation import shows_alike
 from .materials import hides_in_all_engines
 from .mesh_data import count_triangles, read_mesh
-from .render_evaluation import shows_alike
 from .scenery import Placed, Scenery, matrix_of
 
 MOST_TRIANGLES = 300_000  # of an object: a second of preparation

@@ -16,7 +16,7 @@ import bpy
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import printable
 from ...crowd_lod.output import files
-from .guard import handler
+from .callbacks import handler
 
 BLEND_NAME = "{blend_name}"  # in paths of settings: the .blend file's name without its ending
 UNTITLED = "untitled"  # stands for it while the file was never saved

@@ -16,8 +16,8 @@ import numpy as np
 
 from . import scene_cache
 from .animation import curves_and_drivers, moves_whole
+from .callbacks import handler
 from .contents import READ, Content, custom_properties, read_content, still_inputs
-from .guard import handler
 from .removal import is_there
 
 MADE_OF = "crowd_lod_made_of"  # custom property of what was made

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import bpy
 
-from .guard import handler, troubles
+from .callbacks import handler, troubles
 
 Cache = TypeVar("Cache")
 _caches: list[tuple] = [(troubles, False)]

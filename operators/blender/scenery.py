@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 
 from . import scene_cache
-from .guard import handler
+from .callbacks import handler
 from .materials import casts, emits
 from .ownership import OWNED, is_ours
 from .references import reached_blocks

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import bpy
 
-from .guard import guard
+from .callbacks import guard
 
 
 @guard

@@ -11,7 +11,7 @@ import bpy
 
 from ...crowd_lod.errors import CrowdError
 from . import collection_caches, removal, sidebars
-from .guard import handler
+from .callbacks import handler
 
 
 class Inputs:

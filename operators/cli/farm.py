@@ -19,7 +19,7 @@ from ...crowd_lod.output import file_checks, files, tables
 from ...crowd_lod.output.html_report import STYLE, cards, document, table_of
 from ...crowd_lod.output.png_file import save_png
 from ..blender import image_data
-from ..hand_over.farm_job import check_file, job_of, job_sentence, write_job
+from ..deliver.farm_job import check_file, job_of, job_sentence, write_job
 from .options import add_command, add_out, add_scene
 from .scene_files import open_scene
 

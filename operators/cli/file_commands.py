@@ -1,4 +1,4 @@
-"""The commands build, export and sample: each writes one file."""
+"""The commands build, export, sample and update: each writes one file."""
 
 import sys
 import time as clock
@@ -14,19 +14,20 @@ from ...crowd_lod.format import counted, printable
 from ...crowd_lod.frame.frame_range import parse_frames
 from ...crowd_lod.output import files, tables
 from ...crowd_lod.progress import Workload
-from ..blender import console, frame_stepping
+from ..blender import console, evaluation
 from ..blender.output_folders import output_file
-from ..render_setup import bake, render_setup, view_layers
-from ..render_setup.buckets import points_of
-from ..render_setup.buttons import check_blur, prepared
-from ..render_setup.character_images import IMAGE_BYTES
-from ..render_setup.cost_estimate import CostEstimate, estimate
-from ..render_setup.hidden_characters import notes_on_characters
-from ..render_setup.phase_characters import BuiltCharacters
+from ..build import bake, render_setup, visibility
+from ..build.buttons import check_blur, prepared
+from ..build.character_images import IMAGE_BYTES
+from ..build.cost_estimate import CostEstimate, estimate
+from ..build.phase_characters import BuiltCharacters
+from ..build.shelves import points_of
+from ..build.visibility import notes_on_characters
+from ..deliver.update_all import update_all, update_sentence
+from ..deliver.usd import export as usd
 from ..scene.plan_verdict import plan_verdict
 from ..scene.scene_crowd import SceneCrowd
 from ..scene.shot_reference import notes_on_shot
-from ..usd import export as usd
 from .options import (
     add_command,
     add_frames,
@@ -120,14 +121,14 @@ def build(args) -> dict:
     with files.staged_file(path) as part:
         scene = open_shot(args)
         frames = _frames_to_bake(args, scene)
-        view_layers.check_layers(scene, args.view_layer or ())
+        visibility.check_layers(scene, args.view_layer or ())
         if not args.bake:
             check_blur(scene)
         steps = prepared(scene, lambda crowd: _building(args, crowd, frames), frames or ())
         what = f"{'bake' if args.bake else 'build'} of {stem}"
         (predicted, built, unplanned), crowd, _ = finish(steps, what, args.quiet)
         if args.view_layer:
-            view_layers.show_in(scene, args.view_layer)
+            visibility.show_in(scene, args.view_layer)
         points = {
             bucket.name: len(item.data.vertices)
             for bucket, item in points_of(scene.crowd_lod.build).items()
@@ -142,7 +143,7 @@ def build(args) -> dict:
             notes_on_characters(scene),
         ]
         if args.bake:
-            notes.append(frame_stepping.describe_unbaked(scene))
+            notes.append(evaluation.describe_unbaked(scene))
         if args.render_only:
             notes.append(bake.keep_what_renders(scene))
         save(part, path, compress=True)
@@ -272,3 +273,43 @@ def sample(args) -> dict:
         open_scene(args.name)
         save(part, path)
     return {"out": printable(path), "summary": printable(path)}
+
+
+def add_update(commands, program: str) -> None:
+    """Add the command update to the program's."""
+    command = add_command(
+        commands,
+        program,
+        "update",
+        update_file,
+        "make LOD meshes, plan, and build or bake anew in a file what has changed, and save it",
+        "update shot.blend",
+    )
+    add_scene(command, program)
+    command.add_argument("--bake", action="store_true", help="bake a file that has no bake yet")
+
+
+def update_file(args) -> dict:
+    """Run the command update."""
+    if args.scene in sample_scenes.NAMES:
+        raise CrowdError("A sample is no file: write it with the command sample, and update that.")
+    scene = open_scene(args.scene)
+    if not bpy.data.filepath:
+        raise CrowdError("The open file has no place yet: save it, or give a .blend file.")
+    path = blend_path(Path(bpy.data.filepath))
+    steps = update_all(scene, bakes=args.bake)
+    sentences = finish(steps, f"update of {stem_of(args)}", args.quiet)
+    out = printable(path)
+    if sentences:
+        with files.staged_file(path) as part:
+            save(part, path, compress=_is_compressed(path))
+    verdict = plan_verdict(scene.crowd_lod)
+    done = f"{counted(len(sentences), 'step')} done. {update_sentence(scene, sentences)}"
+    lines = [done, out] if verdict in done else [done, verdict, out]
+    return {"out": out, "done": sentences, "verdict": verdict, "summary": "\n".join(lines)}
+
+
+def _is_compressed(path: Path) -> bool:
+    """Return whether the .blend file is compressed, and so begins otherwise than plain ones do."""
+    with path.open("rb") as file:
+        return file.read(7) != b"BLENDER"

@@ -1,4 +1,4 @@
-"""The command scene: a scene made of trajectories, with the characters of a file."""
+"""The commands scene and simulate: scenes made of trajectories, given or simulated."""
 
 from collections.abc import Generator, Iterable
 from contextlib import suppress
@@ -17,14 +17,23 @@ from ...crowd_lod.progress import Workload
 from ...crowd_lod.sources.recorded import Recorded
 from ..blender import cameras, console, removal, scene_data
 from ..blender.references import closure_of
-from ..render_setup.render_setup import remove_build
+from ..build.render_setup import remove_build
 from ..scene.populate import populate_scene
 from ..scene.scene_crowd import characters_of, trajectory_of
+from ..scene.sources import simulate
 from ..settings.crowd_settings import CharacterSettings
 from ..settings.crowds import first_crowd
 from ..settings.level_settings import LevelSettings
-from .options import add_command, add_out, add_setting, apply_settings, to_path
-from .scene_files import blend_path, finish, first_line, open_scene, save
+from .options import (
+    add_command,
+    add_out,
+    add_scene,
+    add_setting,
+    apply_settings,
+    open_shot,
+    to_path,
+)
+from .scene_files import blend_path, finish, first_line, open_scene, save, stem_of
 
 # Settings that the new scene keeps: those of characters and their LOD meshes. The detail map is
 # painted over another ground.
@@ -323,3 +332,38 @@ def _add(scene: bpy.types.Scene, name: str, data: bpy.types.ID) -> bpy.types.Obj
     item = bpy.data.objects.new(name, data)
     scene.collection.objects.link(item)
     return item
+
+
+def add_simulate(commands, program: str) -> None:
+    """Add the command simulate to the program's."""
+    command = add_command(
+        commands,
+        program,
+        "simulate",
+        simulate_scene,
+        "write the scene with its crowd simulated by JuPedSim, and the trajectories beside it",
+        "simulate hall.blend --seconds 60 --out hall_simulated.blend",
+    )
+    add_scene(command, program)
+    add_setting(command, "--seconds", "simulated_seconds", "S")
+    add_setting(command, "--agents", "count", "N")
+    add_setting(command, "--seed", "seed", "N")
+    add_out(command, "FILE", "the .blend file (default: SCENE_simulated.blend)")
+
+
+def simulate_scene(args) -> dict:
+    """Write the scene with its crowd simulated, and the trajectories beside it."""
+    stem = stem_of(args)
+    path = files.follow_link(blend_path(args.out or Path(f"{stem}_simulated.blend")))
+    tracks = path.with_suffix(".sqlite")
+    with files.staged(path.parent, path.name, tracks.name) as hidden:
+        settings = open_shot(args).crowd_lod
+        first_crowd(settings)
+        steps = simulate.simulate_crowd(settings.id_data, 0, hidden / tracks.name)
+        sentence = finish(steps, f"simulation of {stem}", args.quiet)
+        simulate.follow(settings.id_data, 0, f"//{tracks.name}")
+        part = hidden.with_suffix(".part")
+        save(part, path)
+        part.replace(hidden / path.name)
+    paths = {"out": printable(path), "tracks": printable(tracks)}
+    return {**paths, "summary": "\n".join((sentence, *paths.values()))}

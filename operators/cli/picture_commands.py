@@ -7,10 +7,10 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import printable
 from ...crowd_lod.output import files
 from ...crowd_lod.validation.render_proof import to_text
-from ..runs.preview import in_sight, preview, verdict_in
-from ..runs.preview_stage import COLOR_MODES, ENGINES, Preview
-from ..runs.verify import Verify, verify
-from ..runs.verify_build import frames_to_verify
+from ..deliver.preview.preview import in_sight, preview, verdict_in
+from ..deliver.preview.preview_stage import COLOR_MODES, ENGINES, Preview
+from ..deliver.proof.verify import Verify, verify
+from ..deliver.proof.verify_build import frames_to_verify
 from . import shared_runs
 from .options import (
     add_command,

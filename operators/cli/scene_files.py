@@ -10,9 +10,9 @@ from pathlib import Path
 import bpy
 
 from ... import sample_scenes
+from ...crowd_lod import interrupt
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import printable
-from ...crowd_lod.output import interrupt
 from ...crowd_lod.progress import Made
 from ...crowd_lod.time_left import TimeLeft
 from ..blender import console

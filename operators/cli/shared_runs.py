@@ -1,7 +1,4 @@
-"""Runs that several processes or machines share: --jobs, --part, and the command assemble.
-
-See docs/notes/files.md.
-"""
+"""Runs that several processes or machines share: --jobs, --part, and the command assemble."""
 
 import argparse
 import hashlib
@@ -21,10 +18,12 @@ from ... import sample_scenes
 from ...crowd_lod import __version__
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
-from ...crowd_lod.frame.frame_range import frames_are, parse_part
+from ...crowd_lod.frame.frame_range import frames_are, parse_frames, parse_part
 from ...crowd_lod.output import files
 from ...crowd_lod.shot import plan_file
-from ..runs.shared_frames import Sharing, allowed
+from ..deliver.preview.shared_frames import Sharing, allowed
+from . import farm
+from .options import add_command, to_path
 
 PARTS = "parts"  # the folder of a run's parts
 RUN = "run.json"  # in it: which run they are of
@@ -268,3 +267,40 @@ def part_result(sharing: Sharing, rows: Sequence[dict]) -> dict[str, Any]:
 def _say(args, sentence: str) -> None:
     if not args.quiet:
         print(f"crowd-lod: {sentence}", file=sys.stderr)
+
+
+def add_assemble(commands, program: str) -> None:
+    """Add the command assemble to the program's."""
+    command = add_command(
+        commands,
+        program,
+        "assemble",
+        assemble,
+        "put together what was made in parts: a preview, a verify, or the rendered frames of a job",
+        "assemble plaza_preview",
+    )
+    command.add_argument(
+        "folder", type=to_path, metavar="DIR", help="the folder given as --out to the parts"
+    )
+    command.add_argument(
+        "--scene", metavar="SCENE", help="the scene, where it lies elsewhere on this machine"
+    )
+    command.add_argument(
+        "--frames",
+        metavar="A:B|LIST",
+        help="frames that were rendered into DIR/frames, by the command job",
+    )
+    command.add_argument(
+        "--step", type=int, default=1, metavar="N", help="every N-th frame of these (default: 1)"
+    )
+
+
+def assemble(args) -> dict:
+    """Run the command assemble."""
+    if args.frames is not None:
+        frames = parse_frames(args.frames, args.step)
+        return farm.assemble_frames(files.absolute(args.folder), frames, args.words)
+    again = finishing_command(args, args.parser)
+    result = again.run(again)
+    remove_parts(args.folder)
+    return result

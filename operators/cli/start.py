@@ -1,6 +1,6 @@
 """The start of a shell command: Ctrl-C is handled before Blender's slow loading."""
 
-from ...crowd_lod.output import interrupt
+from ...crowd_lod import interrupt
 
 
 def start() -> int:

@@ -14,12 +14,12 @@ from ..blender import provenance, scene_cache, scene_data
 from ..blender.provenance import text_digest
 from ..blender.sidebar_answers import hold, keep_at_work
 from ..blender.stored_values import contents_of
-from ..characters.character_provenance import CHARACTER, MOTION, is_known
+from ..scene.characters.character_provenance import CHARACTER, MOTION, is_known
 from ..scene.scene_crowd import read_crowd
 from ..scene.shot_reference import CAMERA, reference, stored_plan
-from ..settings.budgets import NO_BUDGET, holds_anyway
-from ..sources.crowd_parts import GROUPS, crowd_made_of, crowd_parts
-from ..sources.crowd_sources import live
+from ..scene.sources.crowd_parts import GROUPS, crowd_made_of, crowd_parts
+from ..scene.sources.crowd_sources import live
+from ..settings.stored_figures import NO_BUDGET, holds_anyway
 from .bake_frames import differing_now, is_bake
 from .parts import (
     BUDGET,

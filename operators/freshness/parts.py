@@ -13,16 +13,16 @@ from ...crowd_lod.levels.budget_fit import Budget
 from ..blender import provenance, scene_data
 from ..blender.contents import read_content
 from ..blender.provenance import text_digest
-from ..characters.character_provenance import character_inputs, of_characters
-from ..characters.characters import GROUP, all_characters
-from ..characters.stored_groups import count_of
-from ..machine.scene_world import actions_named
+from ..scene.characters.character_provenance import character_inputs, of_characters
+from ..scene.characters.characters import GROUP, all_characters
+from ..scene.characters.stored_groups import count_of
+from ..scene.machine.scene_world import actions_named
 from ..scene.scene_crowd import SceneCrowd, read_crowd
 from ..scene.shot_overrides import digest_of
 from ..scene.shot_reference import ASKED, CAMERA, OVERRIDES, content_of, plan_inputs
-from ..settings.budgets import budget_of, budget_words, limits_levels
+from ..scene.sources.crowd_parts import GROUPS
 from ..settings.crowds import crowds_of
-from ..sources.crowd_parts import GROUPS
+from ..settings.stored_figures import budget_of, budget_words, limits_levels
 
 RATIOS = "ratios"
 BUDGET = "budget"

@@ -9,13 +9,13 @@ from ...crowd_lod.crowd.leave_outs import NO_MIRRORS, NO_SHADOWS, NOT_WANTED, WO
 from ...crowd_lod.culling.volumes import Light, Mirror
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.shadows import Surroundings
-from ..blender import frame_stepping, mesh_data, scene_data
+from ..blender import evaluation, mesh_data, scene_data
 from ..blender.cameras import camera_at, read_shutter, shutter_times
 from ..blender.materials import casts, emits
 from ..blender.scenery import SOLID, Placed, Scenery, matrix_of, scenery_of
-from ..characters.glow import glowing
-from .frame_plan import SceneMoment
+from .characters.characters import glowing
 from .scene_occluders import needs_shadows, occluders_of
+from .shot_reference import SceneMoment
 
 # lights made by nodes or instancing; more are merged into one that holds them all
 MOST_INSTANCES = 64
@@ -27,7 +27,7 @@ def read_surroundings(
     depsgraph: bpy.types.Depsgraph | None,
     time: float,
     times: Sequence[float] | None = None,
-    at: frame_stepping.At | None = None,
+    at: evaluation.At | None = None,
 ) -> Surroundings:
     """Return lights and mirrors that may bring unseen agents into the picture.
 
@@ -77,7 +77,7 @@ def read_surroundings(
     )
 
 
-def read_moment(scene: bpy.types.Scene, time: float, at: frame_stepping.At) -> SceneMoment:
+def read_moment(scene: bpy.types.Scene, time: float, at: evaluation.At) -> SceneMoment:
     """Return the moment of the scene at `time`, to which `at` steps it."""
     film = camera_at(scene, time, at)
     around = read_surroundings(scene, at((), time), time, at=at)
@@ -234,7 +234,7 @@ def _through(
     makers: set[bpy.types.Object],
     times: Sequence[float],
     engine: str,
-    at: frame_stepping.At | None,
+    at: evaluation.At | None,
 ) -> tuple[list[Light], list[Mirror]]:
     """Return lights and mirrors over all of `times`.
 
@@ -244,7 +244,7 @@ def _through(
     if not items:
         return [], []
     if at is None:
-        with frame_stepping.stage() as at:
+        with evaluation.stage() as at:
             return _through(lamps, panes, makers, times, engine, at)
     moments = []
     by_key = {}
@@ -261,7 +261,7 @@ def _through(
 
 
 def _box_through(
-    scenery: Scenery, times: Sequence[float], at: frame_stepping.At | None
+    scenery: Scenery, times: Sequence[float], at: evaluation.At | None
 ) -> np.ndarray | None:
     """Return the bounding box (2, 3) of the solid things over all of `times`, world meters.
 
@@ -270,7 +270,7 @@ def _box_through(
     if not scenery.bounded or not scenery.solid:
         return None
     if at is None:
-        with frame_stepping.stage() as staged:
+        with evaluation.stage() as staged:
             return _box_through(scenery, times, staged)
     items = {part for thing, inside in scenery.solid for part in (thing, *inside)}
     lows = []

@@ -8,7 +8,7 @@ import bpy
 
 from ...crowd_lod.shot.budget_points import BudgetPoint
 from ...crowd_lod.shot.verdict import read_verdict
-from ..blender.guard import handler
+from ..blender.callbacks import handler
 from ..blender.output_folders import full_path, is_saving
 
 

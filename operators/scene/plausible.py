@@ -18,10 +18,9 @@ from ...crowd_lod.sources.trajectory import Trajectory
 from ...crowd_lod.validation import plausibility as judge
 from ...crowd_lod.world.terrain import Terrain
 from ..blender import scene_data
-from ..characters.character_extent import unknown
-from ..characters.rig_needs import POSES, Characters, refusal
-from .looking_around import look_around
-from .obstacles import find_obstacles
+from .characters.character_extent import unknown
+from .characters.rig_needs import POSES, Characters, refusal
+from .obstacles import find_obstacles, look_around
 
 # times the largest sphere's radius, where a sphere is not known to hold its whole character
 MARGIN = 1.5

@@ -10,26 +10,23 @@ from ...crowd_lod.format import counted
 from ...crowd_lod.messages import Message, to_json
 from ...crowd_lod.progress import Workload, run_in_thread
 from ...crowd_lod.sources.trajectory import Trajectory
-from ..blender import kept_meshes, scene_data
+from ..blender import scene_data
 from ..blender.operator import Stepwise
-from ..characters.action_troubles import notes_on_actions
-from ..characters.character_provenance import reading_motions
-from ..characters.characters import characters_of, notes_on_left_out, notes_on_unsaved
-from ..characters.glow import notes_on_glow
-from ..characters.group_measuring import measuring_groups
-from ..characters.missing_images import notes_on_images
-from ..characters.stored_groups import store_groups
-from ..characters.take_action import notes_on_gliding
-from ..machine import map_areas
-from ..machine.scene_world import check_maps
 from ..settings import needs
-from ..settings.crowds import crowds_of, first_crowd
-from ..settings.lengths import set_lengths
+from ..settings.crowds import crowds_of, first_crowd, set_lengths
 from ..settings.messages import in_words
-from ..sources import crowd_sources
-from ..sources.crowd_parts import crowd_parts, note_crowd
+from .characters.character_notes import notes_on_actions, notes_on_images
+from .characters.character_provenance import reading_motions
+from .characters.characters import characters_of, notes_on_glow, notes_on_left_out, notes_on_unsaved
+from .characters.group_measuring import measuring_groups
+from .characters.stored_groups import store_groups
+from .characters.take_action import notes_on_gliding
+from .machine import kept_meshes, map_areas
+from .machine.scene_world import check_maps
 from .plausible import notes_on_extent, notes_on_feet, notes_on_plausibility
 from .scene_crowd import place_levels
+from .sources import crowd_sources
+from .sources.crowd_parts import crowd_parts, note_crowd
 from .stuck_agents import find
 
 # What the work costs: reading files that place agents, measuring the characters.

@@ -14,11 +14,11 @@ from ...crowd_lod.levels.assignment import Bias, LevelPolicy
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_data
 from ..blender.named_actions import own_performance
-from ..characters.characters import GROUP, characters_of, check_measured
-from ..characters.rig_needs import Characters
-from ..characters.stored_groups import count_of, groups_of, lead_of
-from ..machine.scene_world import bias_of
-from ..sources import crowd_sources
+from .characters.characters import GROUP, characters_of, check_measured
+from .characters.rig_needs import Characters
+from .characters.stored_groups import count_of, groups_of, lead_of
+from .machine.scene_world import bias_of
+from .sources import crowd_sources
 
 
 @dataclass(frozen=True, eq=False)

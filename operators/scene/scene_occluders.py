@@ -6,9 +6,9 @@ import bpy
 
 from ...crowd_lod.crowd.leave_outs import LeftOut
 from ...crowd_lod.culling.occluders import Occluders, join_occluders
-from ..blender import frame_stepping
+from ..blender import evaluation
 from ..blender.materials import hides_in_all_engines
-from ..blender.object_copies import SHOWN
+from ..blender.objects import SHOWN
 from ..blender.occluders import read_occluders
 from ..blender.ownership import OWNED
 from ..blender.provenance import character_digest, text_digest
@@ -41,7 +41,7 @@ def occluders_of(
     scenery: Scenery,
     depsgraph: bpy.types.Depsgraph | None,
     times: Sequence[float],
-    at: frame_stepping.At | None,
+    at: evaluation.At | None,
 ) -> tuple[Occluders | None, tuple[LeftOut, ...]]:
     """Return (what may hide agents, what may not); (None, why) if nobody is to be hidden.
 
@@ -60,7 +60,7 @@ def occluders_of(
         scenery.occluding = excluded, read_occluders(scenery, scene, depsgraph, excluded)
     reading = scenery.occluding[1]
     if times and at is None:
-        with frame_stepping.stage() as staged:
+        with evaluation.stage() as staged:
             return occluders_of(scene, scenery, depsgraph, times, staged)
     items = {block for item, inside in scenery.solid for block in (item, *inside)}
     names = [item.name for item, _ in scenery.solid]

@@ -13,11 +13,11 @@ import numpy as np
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.shot.overrides import TYPES, LodOverride, check_level, parse_agents
 from ...crowd_lod.sources.trajectory import Trajectory
-from ..blender import frame_stepping, scene_data, stored_values
-from ..blender.object_boxes import box_of, in_box
-from ..settings.override_settings import REGIONS
-from ..sources import crowd_overrides
+from ..blender import evaluation, scene_data, stored_values
+from ..blender.objects import box_of, in_box
+from ..settings.shot_settings import REGIONS
 from .scene_crowd import SceneCrowd
+from .sources import crowd_overrides
 
 
 def overrides_of(crowd: SceneCrowd, frames: Sequence[int]) -> tuple[LodOverride, ...]:
@@ -56,7 +56,7 @@ def chosen_overrides(crowd: SceneCrowd, frames: Sequence[int]) -> tuple[LodOverr
     if not parts:
         return ()
     overrides = {}
-    with frame_stepping.step_frames(scene, rest=False) as at:
+    with evaluation.step_frames(scene, rest=False) as at:
         # in order of time: a crowd is computed forward
         for index in sorted(range(len(parts)), key=lambda index: parts[index][2] or 0):
             entry, choose, begin = parts[index]
@@ -149,7 +149,7 @@ def _region_marks(region: bpy.types.Object) -> tuple:
     ).ravel().tolist()
 
 
-def _whom(entry, trajectory: Trajectory) -> Callable[[float, frame_stepping.At], np.ndarray]:
+def _whom(entry, trajectory: Trajectory) -> Callable[[float, evaluation.At], np.ndarray]:
     """Return a function (time, at) -> agents (m,) intp that the override means.
 
     Check what can be checked before.
@@ -174,7 +174,7 @@ def _whom(entry, trajectory: Trajectory) -> Callable[[float, frame_stepping.At],
 
 
 def _inside(
-    region: bpy.types.Object, name: str, trajectory: Trajectory, time: float, at: frame_stepping.At
+    region: bpy.types.Object, name: str, trajectory: Trajectory, time: float, at: evaluation.At
 ) -> np.ndarray:
     """Return the agents whose feet stand in the box about `region` in its own space.
 

@@ -1,4 +1,4 @@
-"""The shot plan that a scene refers to, and whether it still holds."""
+"""The shot plan that a scene refers to, whether it still holds, and a frame with its LODs."""
 
 import hashlib
 from collections.abc import Generator, Sequence
@@ -14,23 +14,24 @@ from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import printable
-from ...crowd_lod.frame.frame import Frame
+from ...crowd_lod.frame.frame import Frame, plan
 from ...crowd_lod.frame.frame_range import shot_frames
 from ...crowd_lod.frame.planned import numbers_of, same_cameras, with_row
+from ...crowd_lod.frame.shadows import Surroundings, surround
 from ...crowd_lod.npz_file import read_checksums
 from ...crowd_lod.shot.overrides import LodOverride, override_frame
 from ...crowd_lod.shot.phases import Phases
 from ...crowd_lod.shot.plan_file import AGAIN, StoredPlan, read
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_cache, scene_data
-from ..blender.cameras import reading_cameras
+from ..blender.cameras import read_cameras, read_shutter, reading_cameras
 from ..blender.output_folders import full_path
 from ..blender.provenance import differences, name_inputs, text_digest
-from ..characters.character_provenance import character_inputs
-from ..sources import crowd_overrides
+from .characters.character_provenance import character_inputs
 from .scene_crowd import SceneCrowd
 from .scene_occluders import scenery_digest
 from .shot_overrides import digest_of, overrides_by_number
+from .sources import crowd_overrides
 
 # Plans by path, time of change and size.
 _stored: dict[tuple, StoredPlan] = scene_cache.add_cache({})
@@ -287,3 +288,47 @@ def _sizes(group: Group) -> tuple[float, ...]:
 
 def _digest(text: str, data: bytes = b"") -> str:
     return hashlib.sha256(text.encode() + data).hexdigest()[:16]
+
+
+@dataclass(frozen=True)
+class SceneMoment:
+    """What of the scene a frame's plan depends on, besides the crowd.
+
+    time: frames of the animation (see scene_data.time_of).
+    eyes: the cameras that film it.
+    around: lights and mirrors; with them, unseen agents that still matter are found, too.
+    shutter: with motion blur, times and cameras of the open shutter (see cameras.read_shutter).
+    """
+
+    time: float
+    eyes: Sequence[Camera]
+    around: Surroundings | None = None
+    shutter: Sequence[tuple[float, Sequence[Camera]]] = ()
+
+
+def moment_now(
+    scene: bpy.types.Scene,
+    depsgraph: bpy.types.Depsgraph,
+    around: Surroundings | None = None,
+) -> SceneMoment:
+    """Return the present moment of `scene`; its cameras are as `depsgraph` has them."""
+    time = scene_data.time_of(scene)
+    return SceneMoment(time, read_cameras(scene, depsgraph), around, read_shutter(scene, time))
+
+
+def frame_of(crowd: SceneCrowd, moment: SceneMoment) -> Frame:
+    """Return the plan of the crowd, with the LODs of the scene's shot plan if it has one."""
+    use = use_of(crowd, moment.time, moment.eyes)
+    # hidden agents cast no shadow, so overrides come last
+    return use.applied(frame_by_policy(crowd, moment))
+
+
+def frame_by_policy(crowd: SceneCrowd, moment: SceneMoment) -> Frame:
+    """Return the plan of the crowd as of a scene without a shot plan and overrides.
+
+    It reads nothing from the scene.
+    """
+    frame = plan(
+        crowd.trajectory, moment.eyes, crowd.policy, moment.time, moment.shutter, crowd.bias
+    )
+    return frame if moment.around is None else surround(frame, moment.around)

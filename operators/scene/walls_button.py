@@ -13,12 +13,11 @@ from ...crowd_lod.messages import MessageKind, from_json, to_json
 from ..blender import scene_data
 from ..blender.character_objects import selected_scenery
 from ..blender.operator import Reporting
-from ..machine import map_areas
-from ..machine.scene_world import machine_of, machine_text
 from ..settings import needs
 from ..settings.crowds import crowds_of, index_of_active
-from .looking_around import look_around
-from .obstacles import find_obstacles
+from .machine import map_areas
+from .machine.scene_world import machine_of, machine_text
+from .obstacles import find_obstacles, look_around
 from .plausible import places_of
 from .scene_crowd import trajectory_of
 

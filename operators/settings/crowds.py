@@ -5,8 +5,9 @@ make one.
 """
 
 import bpy
+import numpy as np
 
-from ..blender import stored_values
+from ..blender import scene_data, stored_values
 
 
 def crowds_of(settings: bpy.types.PropertyGroup) -> list[bpy.types.PropertyGroup]:
@@ -49,3 +50,21 @@ def check_stored(settings: bpy.types.PropertyGroup) -> None:
     """Raise CrowdError if a setting of the scene or of a crowd has a value that it cannot have."""
     for each in (settings, *settings.crowds):
         stored_values.check(each)
+
+
+def set_lengths(scene: bpy.types.Scene) -> None:
+    """Set lengths that still have their default to as many meters.
+
+    Settings hold lengths in the scene's units, and a property's default cannot follow these.
+    """
+    meters = scene_data.meters(scene)
+    if meters == 1:
+        return
+    for owner in (scene.crowd_lod, *scene.crowd_lod.crowds):
+        for setting in owner.bl_rna.properties:
+            if setting.type != "FLOAT" or setting.unit != "LENGTH":
+                continue
+            default = [*setting.default_array] if setting.is_array else setting.default
+            if np.any(default) and not owner.is_property_set(setting.identifier):
+                lengths = np.divide(default, meters).tolist()
+                setattr(owner, setting.identifier, lengths)

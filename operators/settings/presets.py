@@ -14,9 +14,9 @@ from ..blender.labeled_properties import CONTEXT
 from ..blender.operator import Reporting
 from .crowd_settings import CROWD_NAMES
 from .crowds import active_crowd
-from .outdated_estimate import outdate
+from .level_settings import note_thresholds
 from .properties import ALL, property_of
-from .threshold_order import note_thresholds
+from .setting_changes import outdate
 
 # settings that say what the user looks at now: no preset holds them
 PASSING = {"overlay", "agent", "override_index", "use_shot_plan"}

@@ -8,6 +8,12 @@ from typing import Any
 
 import bpy
 
+
+def outdate(owner, _) -> None:
+    """Clear the cost estimate: update callback of settings that change the cost."""
+    owner.id_data.crowd_lod.estimate = ""
+
+
 # name of a change -> what is called with the changed group of settings; registration fills it
 FOLLOWERS: dict[str, Callable[[Any], None]] = {}
 

@@ -13,12 +13,12 @@ from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_data
 from ..blender.labeled_properties import EnumProperty
 from ..blender.operator import Reporting
-from ..overlay import viewport_overlay
 from ..scene.scene_crowd import trajectory_of
 from ..scene.shot_overrides import find_agents
+from ..scene.sources.crowd_overrides import without_overrides
 from ..settings import needs
-from ..settings.override_settings import REGIONS
-from ..sources.crowd_overrides import without_overrides
+from ..settings.shot_settings import REGIONS
+from ..viewport import viewport_overlay
 
 NUDGE = 0.5  # meters by which one press moves
 # type: name and icon of its button

@@ -5,8 +5,8 @@ import bpy
 from ...crowd_lod.format import counted
 from ..blender.character_objects import selected_scenery
 from ..blender.operator import Reporting
-from ..machine import map_areas
-from ..machine.machine_editor import draft_of, selected_name
+from ..scene.machine import map_areas
+from ..scene.machine.machine_editor import draft_of, selected_name
 from ..settings.crowds import active_crowd, active_or_new
 from .settings_list import Moving, Removing, SwitchedRow, draw_list
 

@@ -4,10 +4,10 @@ import bpy
 
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender.operator import Reporting
-from ..overlay import viewport_overlay
+from ..scene.sources.tracks_source import notes_on_frames
 from ..settings import needs
 from ..settings.crowds import active_crowd, add_crowd, index_of_active
-from ..sources.tracks_source import notes_on_frames
+from ..viewport import viewport_overlay
 from .drawing import active_column, button, label
 from .settings_list import Removing
 from .step_panel import StepPanel

@@ -10,8 +10,8 @@ import numpy as np
 
 from ..blender import scene_cache
 from ..blender.labeled_properties import CONTEXT
-from ..machine import map_areas
-from ..machine.machine_editor import (
+from ..scene.machine import map_areas
+from ..scene.machine.machine_editor import (
     cell_of,
     draft_of,
     faulty,
@@ -19,13 +19,12 @@ from ..machine.machine_editor import (
     problem_of,
     selected_name,
 )
-from ..machine.machine_settings import MOST_TARGETS, color_of, rows_of
-from ..machine.map_painting import map_of
-from ..overlay import viewport_overlay
+from ..scene.machine.machine_settings import MOST_TARGETS, color_of, rows_of
+from ..scene.machine.map_painting import map_of
+from ..viewport import viewport_overlay
 from .area_list import draw_areas
 from .crowd_list import MOVERS, OfCrowd, parts_shown
-from .drawing import active_column, label, letters_of, paragraph
-from .swatches import swatch
+from .drawing import active_column, label, letters_of, paragraph, swatch
 
 MOST_LETTERS = 180  # of a mistake's description; Populate shows all of it
 ARROWS = "→↗↑↖←↙↓↘"  # from +x, counter-clockwise

@@ -12,12 +12,12 @@ from ...crowd_lod.behavior.walk import Walk
 from ...crowd_lod.format import counted
 from ...crowd_lod.levels.cost_model import NAMES
 from ..blender.scene_data import engine_of
+from ..deliver.update_all import due_steps
 from ..freshness.artifacts import LODS, stale
-from ..overlay import viewport_overlay
-from ..runs.update_all import due_steps
+from ..scene.sources.jupedsim_run import has_jupedsim
 from ..settings import needs
 from ..settings.crowds import active_crowd
-from ..sources.jupedsim_run import has_jupedsim
+from ..viewport import viewport_overlay
 from . import steps
 from .agent_overrides import draw_agent_overrides
 from .crowd_list import (

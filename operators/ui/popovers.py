@@ -8,12 +8,12 @@ from ...crowd_lod.messages import from_json
 from ...crowd_lod.shot.budget_points import fitting_point
 from ..blender import scene_data
 from ..blender.labeled_properties import CONTEXT
-from ..characters.stored_groups import count_of
-from ..lod_meshes.level_objects import GIVEN
-from ..overlay import viewport_overlay
-from ..overlay.hud import STAGES, share
-from ..settings.budgets import budget_of, possible_budgets
+from ..lods.level_objects import GIVEN
+from ..scene.characters.stored_groups import count_of
 from ..settings.messages import in_words
+from ..settings.stored_figures import budget_of, possible_budgets
+from ..viewport import viewport_overlay
+from ..viewport.hud import STAGES, share
 from . import steps
 from .drawing import LOD_COLORS, MOST_ROWS, button, distance, label, paragraph, table
 

@@ -7,20 +7,18 @@ from ...crowd_lod.format import byte_size, counted
 from ...crowd_lod.levels.cost_model import NAMES
 from ...crowd_lod.shot.budget_points import budget_sentence, fitting_point
 from ..blender import scene_data
+from ..build.character_images import IMAGE_BYTES, can_use_cache
+from ..build.render_setup import baked_of
+from ..build.visibility import layers_of
+from ..deliver.hand_over import Lack, lacks_of, sizes_of
+from ..deliver.usd.openusd import missing_openusd
 from ..freshness.artifacts import BAKE, build_artifact, stale
 from ..freshness.bake_frames import is_bake
-from ..hand_over.lacks import Lack, lacks_of
-from ..hand_over.sizes import sizes_of
-from ..overlay import viewport_overlay
-from ..render_setup.character_images import IMAGE_BYTES, can_use_cache
-from ..render_setup.render_setup import baked_of
-from ..render_setup.view_layers import layers_of
 from ..scene.plan_verdict import verdict_in_words
+from ..scene.sources.crowd_overrides import CROWD_TYPES
 from ..settings import needs
-from ..settings.budgets import LIMITS, budget_of, possible_budgets
-from ..settings.cost_table import costs_of
-from ..sources.crowd_overrides import CROWD_TYPES
-from ..usd.openusd import missing_openusd
+from ..settings.stored_figures import LIMITS, budget_of, costs_of, possible_budgets
+from ..viewport import viewport_overlay
 from . import steps
 from .drawing import active_column, button, label, letters_of, limit, paragraph, wide
 from .settings_list import draw_list

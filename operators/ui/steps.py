@@ -6,14 +6,14 @@ import bpy
 
 from ...crowd_lod.messages import from_json
 from ...crowd_lod.simplification.decimate import missing_library
-from ..blender.guard import troubles_of
+from ..blender.callbacks import troubles_of
 from ..blender.sidebar_answers import keep_at_work
+from ..build.appended_builds import standing_still
 from ..freshness.artifacts import artifacts_of, current_proof, news_of, reasons
-from ..overlay import viewport_overlay
-from ..render_setup.appended_builds import standing_still
 from ..scene.shot_reference import notes_on_file
 from ..settings import needs
 from ..settings.messages import in_words, label_of
+from ..viewport import viewport_overlay
 
 
 def next_operator(scene: bpy.types.Scene) -> str:

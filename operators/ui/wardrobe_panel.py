@@ -3,10 +3,10 @@
 import bpy
 
 from ...crowd_lod.errors import CrowdError
-from ..blender.props import PROP
-from ..characters.characters import groups_in
-from ..characters.wardrobe import EXCLUDES, NONE, SHARE, Owner, members_of, slots_in
-from ..characters.wardrobe_buttons import props_in
+from ..blender.character_objects import PROP
+from ..scene.characters.characters import groups_in
+from ..scene.characters.wardrobe import EXCLUDES, NONE, SHARE, Owner, members_of, slots_in
+from ..scene.characters.wardrobe_buttons import props_in
 from .drawing import MOST_ROWS, button, label, letters_of, paragraph
 from .step_panel import StepPanel
 

@@ -150,16 +150,16 @@ def _finer(request) -> int:
 
 
 def _level(scene):
-    from crowd_lod_extension.operators.characters.group_measuring import measure_groups
-    from crowd_lod_extension.operators.characters.stored_groups import store_groups
-    from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+    from crowd_lod_extension.operators.lods.make_lods import make_levels
+    from crowd_lod_extension.operators.scene.characters.group_measuring import measure_groups
+    from crowd_lod_extension.operators.scene.characters.stored_groups import store_groups
 
     store_groups(scene.crowd_lod, measure_groups(scene))
     list(make_levels(scene))
 
 
 def _build(scene):
-    from crowd_lod_extension.operators.render_setup.render_setup import build
+    from crowd_lod_extension.operators.build.render_setup import build
 
     for frame, x, turn in ((1, -5, -0.3), (40, 12, 0.6)):
         scene.camera.location.x = x

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from crowd_lod_extension.operators import registration
 from crowd_lod_extension.operators.freshness.artifacts import reasons
-from crowd_lod_extension.operators.machine import map_areas
-from crowd_lod_extension.operators.machine.machine_editor import draft_of
-from crowd_lod_extension.operators.machine.map_painting import plane_of
-from crowd_lod_extension.operators.machine.scene_world import machine_of, world_of
+from crowd_lod_extension.operators.scene.machine import map_areas
+from crowd_lod_extension.operators.scene.machine.machine_editor import draft_of
+from crowd_lod_extension.operators.scene.machine.map_painting import plane_of
+from crowd_lod_extension.operators.scene.machine.scene_world import machine_of, world_of
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 from crowd_lod_extension.operators.settings.crowds import active_crowd, crowds_of
 from crowd_lod_extension.operators.settings.properties import CrowdLodSettings

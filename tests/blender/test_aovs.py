@@ -5,7 +5,7 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.operators.render_setup.aovs import add_aovs
+from crowd_lod_extension.operators.build.aovs import add_aovs
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 
 from ..support.exr import channels_of

@@ -4,9 +4,9 @@ says that it stands still.
 
 import bpy
 import pytest
-from crowd_lod_extension.operators.render_setup.appended_builds import standing_still
-from crowd_lod_extension.operators.render_setup.bake import bake
-from crowd_lod_extension.operators.render_setup.buckets import points_of
+from crowd_lod_extension.operators.build.appended_builds import standing_still
+from crowd_lod_extension.operators.build.bake import bake
+from crowd_lod_extension.operators.build.shelves import points_of
 from crowd_lod_extension.operators.ui import steps
 
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.blender import image_data
+from crowd_lod_extension.operators.build import render_setup, shelves
+from crowd_lod_extension.operators.build.bake import bake, keep_what_renders
+from crowd_lod_extension.operators.build.visibility import HIDDEN
 from crowd_lod_extension.operators.cli import commands
-from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.render_setup import buckets, render_setup
-from crowd_lod_extension.operators.render_setup.bake import bake, keep_what_renders
-from crowd_lod_extension.operators.render_setup.hidden_characters import HIDDEN
+from crowd_lod_extension.operators.lods.make_lods import make_levels
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 
 FRAMES = (27, 12, 20)
@@ -143,7 +143,7 @@ def test_the_command_bakes_a_file_and_says_its_size(levelled, tmp_path, capfd):
     top = bpy.context.scene.crowd_lod.build
     assert list(top[render_setup.BAKED])[2:] == [9, 11]
     assert result["points"] == {
-        bucket.name: len(item.data.vertices) for bucket, item in buckets.points_of(top).items()
+        bucket.name: len(item.data.vertices) for bucket, item in shelves.points_of(top).items()
     }
     assert commands.run_command(words, "crowd-lod") == 0
     assert json.loads(capfd.readouterr().out.splitlines()[-1])["frames"] is None

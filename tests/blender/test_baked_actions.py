@@ -4,8 +4,8 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.render_setup.baked_actions import trim_actions
-from crowd_lod_extension.operators.render_setup.phase_characters import make_characters
+from crowd_lod_extension.operators.build.baked_actions import trim_actions
+from crowd_lod_extension.operators.build.phase_characters import make_characters
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 
 

@@ -5,8 +5,8 @@ from bpy_extras.object_utils import world_to_camera_view
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.operators.blender.materials import switch_nodes_on
-from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.render_setup import buckets, render_setup
+from crowd_lod_extension.operators.build import render_setup, shelves
+from crowd_lod_extension.operators.lods.make_lods import make_levels
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd, trajectory_of
 from mathutils import Vector
 
@@ -30,7 +30,7 @@ def points(scene):
                     "vector" if width == 3 else "value", values.ravel()
                 )
             columns[name] = values.tobytes()
-        places[item[buckets.LEVEL]] = columns
+        places[item[shelves.LEVEL]] = columns
     return places
 
 
@@ -40,11 +40,11 @@ def instances(scene):
     for instance in depsgraph.object_instances:
         if (
             instance.is_instance
-            and buckets.LEVEL in instance.parent.original
+            and shelves.LEVEL in instance.parent.original
             and instance.object.type == "MESH"
         ):
             matrix = np.array(instance.matrix_world)
-            yield instance.parent.original[buckets.LEVEL], instance.object.original, matrix
+            yield instance.parent.original[shelves.LEVEL], instance.object.original, matrix
 
 
 def test_instances_stand_where_the_plan_says_as_the_mesh_it_says(built):
@@ -110,7 +110,7 @@ def test_an_agents_looks_are_its_own_at_every_time_in_every_lod(built):
             item.data.attributes["looks"].data.foreach_get("value", values)
             for agent, value in zip(ids.tolist(), values.tolist(), strict=True):
                 assert looks.setdefault(agent, value) == value and 0 <= value < 1
-                levels.setdefault(agent, set()).add(item[buckets.LEVEL])
+                levels.setdefault(agent, set()).add(item[shelves.LEVEL])
     assert max(map(len, levels.values())) > 1  # some changed their LOD
     assert (
         len(set(looks.values())) > 0.99 * len(looks) and 0.4 < np.mean(list(looks.values())) < 0.6

@@ -11,15 +11,15 @@ import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import collection_caches, provenance, scene_data
-from crowd_lod_extension.operators.characters.group_measuring import measure_groups
-from crowd_lod_extension.operators.characters.stored_groups import groups_of, store_groups
-from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.render_setup import buckets, render_setup, view_layers
-from crowd_lod_extension.operators.render_setup.bake import bake
-from crowd_lod_extension.operators.render_setup.buttons import prepared
-from crowd_lod_extension.operators.render_setup.nodes import trees
-from crowd_lod_extension.operators.render_setup.nodes.instances import NAME
-from crowd_lod_extension.operators.render_setup.shelves import RIGS, SHELF, shelves_in
+from crowd_lod_extension.operators.build import render_setup, shelves, visibility
+from crowd_lod_extension.operators.build.bake import bake
+from crowd_lod_extension.operators.build.buttons import prepared
+from crowd_lod_extension.operators.build.nodes import trees
+from crowd_lod_extension.operators.build.nodes.instances import NAME
+from crowd_lod_extension.operators.build.shelves import RIGS, SHELF, shelves_in
+from crowd_lod_extension.operators.lods.make_lods import make_levels
+from crowd_lod_extension.operators.scene.characters.group_measuring import measure_groups
+from crowd_lod_extension.operators.scene.characters.stored_groups import groups_of, store_groups
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 
 
@@ -43,7 +43,7 @@ def counts():
 def points(top):
     return {
         name: [vertex.co[:] for vertex in item.data.vertices]
-        for name, item in buckets.points_of(top).items()
+        for name, item in shelves.points_of(top).items()
     }
 
 
@@ -91,7 +91,7 @@ def test_what_undo_loses_of_a_build_is_put_back_and_nothing_else(built):
 
 def test_a_second_build_keeps_names_pointers_and_the_users_own_edits(built):
     top = built.crowd_lod.build
-    first = buckets.points_of(top)["LOD", 1]
+    first = shelves.points_of(top)["LOD", 1]
     first.name = "my points"
     first.color = (0.1, 0.2, 0.3, 1)
     later = first.modifiers.new("mine", "NODES")
@@ -109,14 +109,14 @@ def test_a_second_build_keeps_names_pointers_and_the_users_own_edits(built):
     layer.holdout = True
     kinds = "objects", "meshes", "armatures", "actions", "collections", "node_groups"
     names = {block.name for kind in kinds for block in getattr(bpy.data, kind)}
-    items = buckets.points_of(top)
+    items = shelves.points_of(top)
     shown = points(top)
     before = counts()
     looks = visible()
     ours = first.modifiers[0]
     list(render_setup.build(read_crowd(built)))
     built.frame_set(1)
-    assert built.crowd_lod.build == top and buckets.points_of(top) == items
+    assert built.crowd_lod.build == top and shelves.points_of(top) == items
     assert names == {block.name for kind in kinds for block in getattr(bpy.data, kind)}
     assert points(top) == shown and counts() == before
     assert [modifier.name for modifier in first.modifiers] == [
@@ -193,8 +193,8 @@ def test_a_level_more_or_less_adds_or_takes_its_points_and_poses(built):
         list(make_levels(built))
         list(render_setup.build(read_crowd(built)))
         built.frame_set(2)
-        shown = {(kind, level) for kind in buckets.BucketKind for level in range(number)}
-        assert buckets.points_of(built.crowd_lod.build).keys() == shown
+        shown = {(kind, level) for kind in shelves.BucketKind for level in range(number)}
+        assert shelves.points_of(built.crowd_lod.build).keys() == shown
         assert len(visible())
     assert counts() == whole
 
@@ -250,7 +250,7 @@ def test_two_scenes_have_builds_of_their_own(built):
     tops = built.crowd_lod.build, other.crowd_lod.build
     assert tops[0] != tops[1] and not set(tops[0].all_objects) & set(tops[1].all_objects)
     other.frame_set(5)
-    assert sum(len(item.data.vertices) for item in buckets.points_of(tops[1]).values())
+    assert sum(len(item.data.vertices) for item in shelves.points_of(tops[1]).values())
     render_setup.remove_build(other.crowd_lod)
     built.frame_set(5)
     assert len(visible()) and scene_data.time_of(built) == 5
@@ -293,21 +293,21 @@ def test_the_crowd_shows_in_the_view_layers_that_are_chosen_and_stays_so(built):
     )  # not the characters themselves
     levels = [item for home in built.crowd_lod.levels.children_recursive for item in home.objects]
     assert built.crowd_lod.levels.hide_render and levels
-    view_layers.check_layers(built, ["later"])
-    view_layers.show_in(built, ["later"])
+    visibility.check_layers(built, ["later"])
+    visibility.show_in(built, ["later"])
     assert shown_in(first) == (0, 0) and shown_in(later) == there
-    view_layers.layers_of(built)["later"].holdout = True
+    visibility.layers_of(built)["later"].holdout = True
     list(render_setup.build(read_crowd(built)))
     built.frame_set(1)
     assert (
         shown_in(first) == (0, 0)
         and shown_in(later) == there
-        and view_layers.layers_of(built)["later"].holdout
+        and visibility.layers_of(built)["later"].holdout
     )
-    view_layers.show_in(built, ["later", first.name])
+    visibility.show_in(built, ["later", first.name])
     assert shown_in(first) == shown_in(later) == there
     with pytest.raises(CrowdError, match="no view layer sky: give one of"):
-        view_layers.check_layers(built, ["later", "sky"])
+        visibility.check_layers(built, ["later", "sky"])
 
 
 @pytest.mark.once
@@ -362,23 +362,23 @@ def test_what_is_missing_is_said_before_anything_is_made(scene):
 
 SPOILT = {
     "a LOD as a text": (
-        lambda top: buckets.points_of(top)["LOD", 1],
-        buckets.LEVEL,
+        lambda top: shelves.points_of(top)["LOD", 1],
+        shelves.LEVEL,
         "one",
     ),
     "a LOD that there is not": (
-        lambda top: buckets.points_of(top)["LOD", 1],
-        buckets.LEVEL,
+        lambda top: shelves.points_of(top)["LOD", 1],
+        shelves.LEVEL,
         10**9,
     ),
     "a bucket as numbers": (
-        lambda top: buckets.points_of(top)["Shadow", 0],
-        buckets.KIND,
+        lambda top: shelves.points_of(top)["Shadow", 0],
+        shelves.KIND,
         [1, 2],
     ),
     "a bucket of no kind": (
-        lambda top: buckets.points_of(top)["Shadow", 0],
-        buckets.KIND,
+        lambda top: shelves.points_of(top)["Shadow", 0],
+        shelves.KIND,
         "Light",
     ),
     "poses as a text": (lambda top: top, render_setup.POSED, "x"),
@@ -402,7 +402,7 @@ def test_what_is_spoilt_in_a_build_is_named_and_nothing_is_left_behind(built, ca
         if key == render_setup.POSED:  # these are written anew
             assert f'"{key}" of {block.name} is ' in told and told.count("\n") == 1
             assert (
-                len(buckets.points_of(built.crowd_lod.build)["LOD", 1].data.vertices) == 0
+                len(shelves.points_of(built.crowd_lod.build)["LOD", 1].data.vertices) == 0
             )  # not another frame's
             break
         built.frame_end = 2
@@ -446,5 +446,5 @@ def test_a_linked_build_stays_its_file_s_and_another_is_made(built, tmp_path):
     assert (
         built.crowd_lod.build != linked
         and built.crowd_lod.build.library is None
-        and len(buckets.points_of(linked)) == 9
+        and len(shelves.points_of(linked)) == 9
     )

@@ -4,7 +4,7 @@ it.
 
 import bpy
 import pytest
-from crowd_lod_extension.operators.render_setup import render_setup, view_layers
+from crowd_lod_extension.operators.build import render_setup, visibility
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 
 
@@ -27,7 +27,7 @@ def layered(levelled):
 
 
 def build_in(scene, name):
-    return view_layers.layers_of(scene)[name]
+    return visibility.layers_of(scene)[name]
 
 
 def points_in(layer):
@@ -61,7 +61,7 @@ def test_characters_that_no_layer_shows_leave_the_build_in_all(layered):
     for layer in layered.view_layers:
         place_of(layer, "Home", "People").exclude = True
     list(render_setup.build(read_crowd(layered)))
-    assert not any(place.exclude for place in view_layers.layers_of(layered).values())
+    assert not any(place.exclude for place in visibility.layers_of(layered).values())
 
 
 @pytest.mark.parametrize("setting", ("holdout", "indirect_only"))
@@ -79,4 +79,4 @@ def test_where_the_characters_are_held_out_so_is_a_first_build(layered, setting,
 def test_characters_of_no_collection_of_the_scene_leave_the_build_in_all(layered):
     bpy.data.collections["Home"].children.unlink(layered.crowd_lod.characters)
     list(render_setup.build(read_crowd(layered)))
-    assert not any(place.exclude for place in view_layers.layers_of(layered).values())
+    assert not any(place.exclude for place in visibility.layers_of(layered).values())

@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.blender import cameras, image_data, main_thread, scene_data
-from crowd_lod_extension.operators.render_setup import buckets, frame_update, render_setup
-from crowd_lod_extension.operators.render_setup.bake import bake
-from crowd_lod_extension.operators.runs.preview import Preview, preview
+from crowd_lod_extension.operators.blender import callbacks, cameras, image_data, scene_data
+from crowd_lod_extension.operators.build import frame_update, render_setup, shelves
+from crowd_lod_extension.operators.build.bake import bake
+from crowd_lod_extension.operators.deliver.preview.preview import Preview, preview
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd, trajectory_of
 
 
 def columns(scene, *names):
     """The points of all buckets, as bytes."""
     agents = {}
-    for bucket, item in buckets.points_of(scene.crowd_lod.build).items():
+    for bucket, item in shelves.points_of(scene.crowd_lod.build).items():
         for name in names or ("position", "id", "pose", "heading"):
             attribute = item.data.attributes[name]
             width = 3 if name == "position" else 1
@@ -85,7 +85,7 @@ def test_a_bake_films_a_cut_with_each_frames_own_camera(cut):
         live[number] = columns(cut, "id")
     list(bake(cut, [10, 11]))
     for number in (10, 11):
-        for bucket, item in buckets.points_of(cut.crowd_lod.build).items():
+        for bucket, item in shelves.points_of(cut.crowd_lod.build).items():
             values = {name: np.empty(len(item.data.vertices), np.int32) for name in ("frame", "id")}
             for name, column in values.items():
                 item.data.attributes[name].data.foreach_get("value", column)
@@ -99,7 +99,7 @@ def test_a_preview_of_a_cut_has_each_frames_own_camera_and_its_view_from_above(c
     for number in (10, 11):
         cut.frame_set(number)
         pictures.append(
-            sum(len(item.data.vertices) for item in buckets.points_of(cut.crowd_lod.build).values())
+            sum(len(item.data.vertices) for item in shelves.points_of(cut.crowd_lod.build).values())
         )
     assert [row["visible"] for row in plan["frames"]] == pictures and pictures[0] != pictures[1]
     main, above = (
@@ -268,7 +268,7 @@ def test_frames_asked_for_from_another_thread_are_done_in_the_main_one(built, mo
     render = threading.Thread(target=frame_update.follow, args=(built, depsgraph))
     render.start()
     while render.is_alive():
-        main_thread.do_waiting()
+        callbacks.do_waiting()
     assert where == [threading.main_thread()] and columns(built) == wanted
 
 
@@ -279,7 +279,7 @@ def test_errors_come_back_to_the_thread_that_asked_and_a_busy_main_thread_ends_i
 
     def ask(work):
         try:
-            main_thread.on_main_thread(work)
+            callbacks.on_main_thread(work)
         except CrowdError as error:
             sentences.append(str(error))
 
@@ -289,12 +289,12 @@ def test_errors_come_back_to_the_thread_that_asked_and_a_busy_main_thread_ends_i
     asking = threading.Thread(target=ask, args=(fails,))
     asking.start()
     while asking.is_alive():
-        main_thread.do_waiting()
-    monkeypatch.setattr(main_thread, "PATIENCE", 0.01)
+        callbacks.do_waiting()
+    monkeypatch.setattr(callbacks, "PATIENCE", 0.01)
     late = threading.Thread(target=ask, args=(lambda: sentences.append("done too late"),))
     late.start()
     late.join()
-    main_thread.do_waiting()
+    callbacks.do_waiting()
     assert sentences[0] == "no crowd here" and "too busy" in sentences[1] and len(sentences) == 2
 
 

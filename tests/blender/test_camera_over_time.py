@@ -7,7 +7,11 @@ from crowd_lod_extension.crowd_lod.culling.radar import radar
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.validation.culling_judge import standing_crowd
 from crowd_lod_extension.operators.blender import cameras, mesh_data
-from crowd_lod_extension.operators.characters.character_extent import bounds, frames_of, posing
+from crowd_lod_extension.operators.scene.characters.character_extent import (
+    bounds,
+    frames_of,
+    posing,
+)
 
 from .test_camera import scene  # noqa: F401
 

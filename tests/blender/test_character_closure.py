@@ -10,10 +10,10 @@ import pytest
 from crowd_lod_extension.operators.blender import sidebar_answers
 from crowd_lod_extension.operators.blender.references import closure_of
 from crowd_lod_extension.operators.blender.scene_data import set_node_input
-from crowd_lod_extension.operators.characters import character_provenance
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.freshness.artifacts import to_make_again
-from crowd_lod_extension.operators.overlay import character_cache
+from crowd_lod_extension.operators.scene.characters import character_provenance
+from crowd_lod_extension.operators.viewport import character_cache
 
 from ..support.characters import character, new, rig, skin, tube
 from ..support.freshness import changed_since_build

@@ -6,12 +6,12 @@ import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.operators.blender.materials import switch_nodes_on
-from crowd_lod_extension.operators.characters import group_measuring, stored_groups
-from crowd_lod_extension.operators.characters.characters import characters_of
-from crowd_lod_extension.operators.lod_meshes.deviation import measure_levels
-from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.render_setup import frame_update
+from crowd_lod_extension.operators.build import frame_update
+from crowd_lod_extension.operators.lods.deviation import measure_levels
+from crowd_lod_extension.operators.lods.make_lods import make_levels
 from crowd_lod_extension.operators.scene import plausible
+from crowd_lod_extension.operators.scene.characters import group_measuring, stored_groups
+from crowd_lod_extension.operators.scene.characters.characters import characters_of
 from mathutils import Matrix
 
 from ..support.characters import character, new, rig, skin, tube

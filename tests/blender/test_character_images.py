@@ -6,13 +6,13 @@ import pytest
 from crowd_lod_extension.crowd_lod.levels.cost_model import MEMORY
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import scene_data
-from crowd_lod_extension.operators.characters.group_measuring import measure_groups
-from crowd_lod_extension.operators.characters.stored_groups import store_groups
-from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.render_setup.buttons import bake_frames, build_live
-from crowd_lod_extension.operators.render_setup.character_images import IMAGE_BYTES
-from crowd_lod_extension.operators.render_setup.cost_estimate import CACHED, estimate
-from crowd_lod_extension.operators.settings.cost_table import BuildCase
+from crowd_lod_extension.operators.build.buttons import bake_frames, build_live
+from crowd_lod_extension.operators.build.character_images import IMAGE_BYTES
+from crowd_lod_extension.operators.build.cost_estimate import CACHED, estimate
+from crowd_lod_extension.operators.lods.make_lods import make_levels
+from crowd_lod_extension.operators.scene.characters.group_measuring import measure_groups
+from crowd_lod_extension.operators.scene.characters.stored_groups import store_groups
+from crowd_lod_extension.operators.settings.stored_figures import BuildCase
 
 from ..support.characters import character, new, painted, rig, skin, tube
 

@@ -4,7 +4,7 @@ stands.
 
 import bpy
 import pytest
-from crowd_lod_extension.operators.characters.selection_reading import read_selection
+from crowd_lod_extension.operators.scene.characters.characters_from_selection import read_selection
 from crowd_lod_extension.operators.scene.scene_crowd import characters_of
 
 from ..support.characters import new, rig, skin, tube

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import image_data
-from crowd_lod_extension.operators.runs.preview import LEFT_OUT, Preview, preview
+from crowd_lod_extension.operators.deliver.preview.preview import LEFT_OUT, Preview, preview
 from mathutils import Euler
 
 from ..support.characters import character, new, tube

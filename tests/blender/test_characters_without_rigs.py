@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import mesh_data
-from crowd_lod_extension.operators.characters.group_measuring import measure_groups
-from crowd_lod_extension.operators.characters.rig_needs import POSES
-from crowd_lod_extension.operators.characters.stored_groups import store_groups
-from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.render_setup import render_setup
-from crowd_lod_extension.operators.render_setup.phase_characters import make_characters
-from crowd_lod_extension.operators.render_setup.shelves import SHELF
+from crowd_lod_extension.operators.build import render_setup
+from crowd_lod_extension.operators.build.phase_characters import make_characters
+from crowd_lod_extension.operators.build.shelves import SHELF
+from crowd_lod_extension.operators.lods.make_lods import make_levels
+from crowd_lod_extension.operators.scene.characters.group_measuring import measure_groups
+from crowd_lod_extension.operators.scene.characters.rig_needs import POSES
+from crowd_lod_extension.operators.scene.characters.stored_groups import store_groups
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 
 

@@ -144,8 +144,8 @@ def test_preview_of_a_saved_file_with_true_materials(scene, tmp_path):
 
 @pytest.mark.once
 def test_preview_leaves_the_open_scene_as_it_was(levelled, tmp_path):
-    from crowd_lod_extension.operators.render_setup.render_setup import build
-    from crowd_lod_extension.operators.runs.preview import Preview, preview
+    from crowd_lod_extension.operators.build.render_setup import build
+    from crowd_lod_extension.operators.deliver.preview.preview import Preview, preview
 
     list(build(read_crowd(levelled)))
     levelled.frame_set(7)

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from crowd_lod_extension.operators.blender.animation import action_range
 from crowd_lod_extension.operators.blender.provenance import source_digest
-from crowd_lod_extension.operators.characters.group_measuring import measure_groups
-from crowd_lod_extension.operators.lod_meshes.source_mesh import object_digest, read_source
+from crowd_lod_extension.operators.lods.source_mesh import object_digest, read_source
+from crowd_lod_extension.operators.scene.characters.group_measuring import measure_groups
 
 from ..support.characters import character, new, rig, skin, tube
 from ..support.rigs import keyed

@@ -10,14 +10,14 @@ import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender.mesh_data import count_triangles
-from crowd_lod_extension.operators.characters import group_measuring, stored_groups
-from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.render_setup import bake, buckets, render_setup
-from crowd_lod_extension.operators.render_setup.cost_estimate import estimate
-from crowd_lod_extension.operators.runs.preview import Preview, preview
+from crowd_lod_extension.operators.build import bake, render_setup, shelves
+from crowd_lod_extension.operators.build.cost_estimate import estimate
+from crowd_lod_extension.operators.deliver.preview.preview import Preview, preview
+from crowd_lod_extension.operators.lods.make_lods import make_levels
 from crowd_lod_extension.operators.scene import scene_crowd
+from crowd_lod_extension.operators.scene.characters import group_measuring, stored_groups
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
-from crowd_lod_extension.operators.settings.cost_table import FULL, BuildCase, costs_of
+from crowd_lod_extension.operators.settings.stored_figures import FULL, BuildCase, costs_of
 
 from ..support.scene_frames import frame_now
 
@@ -34,7 +34,7 @@ def counts_in_render(scene):
             each.is_instance
             and each.object.type == "MESH"
             and each.parent
-            and buckets.LEVEL in each.parent.original
+            and shelves.LEVEL in each.parent.original
         ):
             found.append(each.object.original)
     instanced, unique = (
@@ -64,7 +64,7 @@ def test_work_is_what_the_depsgraph_shows(levelled, known, planned):
         scene.frame_set(number)
         agents, instanced, unique = counts_in_render(scene)
         assert (agents, instanced, unique) == (work.instances[f], work.instanced[f], work.unique[f])
-    shown = [item for item in top.all_objects if item.type == "MESH" and buckets.LEVEL not in item]
+    shown = [item for item in top.all_objects if item.type == "MESH" and shelves.LEVEL not in item]
     assert work.posed == sum(count_triangles(item.data) for item in shown)
     assert work.rigs == sum(item.type == "ARMATURE" for item in top.all_objects)
     whole = found.works[BuildCase(FULL, known)]
@@ -128,7 +128,7 @@ def test_lods_that_fit_in_memory_are_built_and_the_others_are_not(scene, tmp_pat
     inside = {
         item
         for item in settings.build.all_objects
-        if item.type == "MESH" and buckets.LEVEL not in item
+        if item.type == "MESH" and shelves.LEVEL not in item
     }
     for g, (group, own) in enumerate(zip(settings.groups, finest, strict=True)):
         left_out = {

@@ -111,7 +111,7 @@ def test_the_build_shows_edited_agents_where_they_are_put(built, make, monkeypat
 
 @pytest.mark.parametrize("all_frames", [True, False])
 def test_who_is_hidden_is_not_missed_by_the_proof(levelled, all_frames):
-    from crowd_lod_extension.operators.runs.frame_proof import everyone_there
+    from crowd_lod_extension.operators.deliver.proof.frame_proof import everyone_there
 
     (agent, *_) = seen_at(levelled, 1)
     add(

@@ -10,8 +10,8 @@ import pytest
 from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.characters import stored_groups
-from crowd_lod_extension.operators.lod_meshes import deviation, pose_choice, posed_surface, surface
+from crowd_lod_extension.operators.lods import deviation, posed_surface, poses, surface
+from crowd_lod_extension.operators.scene.characters import stored_groups
 
 GROUP = Group("one", 0, 1, 0, 1)
 
@@ -292,9 +292,9 @@ def test_poses_are_those_that_are_least_alike():
         bone.rotation_euler.x = angle
         bone.keyframe_insert("rotation_euler", frame=frame)
     item = cylinder("arm", rig, 1.0)
-    moments = finished(pose_choice.choose_poses([item]))
-    assert 83 in moments and len(moments) <= pose_choice.POSES
+    moments = finished(poses.choose_poses([item]))
+    assert 83 in moments and len(moments) <= poses.POSES
     item.parent = None
     item.modifiers.clear()
-    found = finished(pose_choice.choose_poses([item]))  # at rest there is nothing to choose by
-    assert len(found) <= pose_choice.EVENLY
+    found = finished(poses.choose_poses([item]))  # at rest there is nothing to choose by
+    assert len(found) <= poses.EVENLY

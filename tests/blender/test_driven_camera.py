@@ -7,11 +7,11 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.blender import cameras, frame_stepping
-from crowd_lod_extension.operators.render_setup import buckets
-from crowd_lod_extension.operators.render_setup.bake import bake
-from crowd_lod_extension.operators.runs.preview import Preview, preview
-from crowd_lod_extension.operators.runs.verify import Verify, verify
+from crowd_lod_extension.operators.blender import cameras, evaluation
+from crowd_lod_extension.operators.build import shelves
+from crowd_lod_extension.operators.build.bake import bake
+from crowd_lod_extension.operators.deliver.preview.preview import Preview, preview
+from crowd_lod_extension.operators.deliver.proof.verify import Verify, verify
 
 from ..support.scene_frames import frame_now
 
@@ -168,7 +168,7 @@ def test_the_camera_of_another_time_is_that_of_a_render_there(scene, filmed, way
     scene.frame_set(2)
     was = scene.camera.matrix_world.copy(), scene.camera.data.lens
     planned = [of(eyes) for eyes in cameras.cameras_at(scene, times)]
-    assert (scene.frame_current, scene.frame_subframe) == (2, 0) and not frame_stepping.is_stepped(
+    assert (scene.frame_current, scene.frame_subframe) == (2, 0) and not evaluation.is_stepped(
         scene
     )
     assert (scene.camera.matrix_world, scene.camera.data.lens) == was
@@ -180,7 +180,7 @@ def test_the_camera_of_another_time_is_that_of_a_render_there(scene, filmed, way
 def columns(scene, name="id"):
     """The ids of each bucket's points, or another whole number of theirs."""
     agents = {}
-    for bucket, item in buckets.points_of(scene.crowd_lod.build).items():
+    for bucket, item in shelves.points_of(scene.crowd_lod.build).items():
         agents[bucket] = np.empty(len(item.data.vertices), np.int32)
         item.data.attributes[name].data.foreach_get("value", agents[bucket])
     return agents
@@ -228,9 +228,9 @@ def played(built, way, frames):
 
 
 def test_rigid_bodies_that_are_not_baked_are_told_of(scene):
-    assert frame_stepping.describe_unbaked(scene) == ""
+    assert evaluation.describe_unbaked(scene) == ""
     by_rigid_body(scene)
-    assert "are unbaked, played from frame 1: bake their cache" in frame_stepping.describe_unbaked(
+    assert "are unbaked, played from frame 1: bake their cache" in evaluation.describe_unbaked(
         scene
     )
 
@@ -322,7 +322,7 @@ def test_a_still_camera_is_the_one_it_was_made_of_in_any_scene(scene):
     for frame, x in ((1, 0.0), (21, 40.0)):
         target.location.x = x
         target.keyframe_insert("location", frame=frame)
-    with frame_stepping.step_frames(scene) as at:
+    with evaluation.step_frames(scene) as at:
         depsgraph = at((), 9)
         wanted = cameras.cameras_from(scene, scene.camera, depsgraph)[0]
         found = cameras.still(scene.camera, depsgraph)

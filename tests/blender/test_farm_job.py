@@ -13,7 +13,7 @@ import bpy
 import pytest
 from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.operators.cli import commands
-from crowd_lod_extension.operators.hand_over import farm_job
+from crowd_lod_extension.operators.deliver import farm_job
 
 pytestmark = pytest.mark.once  # long, and the same on every Blender
 

@@ -4,7 +4,7 @@ happens.
 
 import bpy
 import pytest
-from crowd_lod_extension.operators.blender.frame_stepping import step_frames
+from crowd_lod_extension.operators.blender.evaluation import step_frames
 
 
 def instances(depsgraph):

@@ -8,6 +8,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import sidebar_answers
 from crowd_lod_extension.operators.cli import commands
+from crowd_lod_extension.operators.deliver.update_all import due_steps, update_all
 from crowd_lod_extension.operators.freshness.artifacts import (
     CROWD,
     PROOF,
@@ -17,7 +18,6 @@ from crowd_lod_extension.operators.freshness.artifacts import (
     proof_parts,
     reasons,
 )
-from crowd_lod_extension.operators.runs.update_all import due_steps, update_all
 from crowd_lod_extension.operators.settings.messages import label_of
 from crowd_lod_extension.operators.ui import steps
 

@@ -2,8 +2,8 @@
 
 import bpy
 import pytest
-from crowd_lod_extension.operators.characters.characters import all_characters
-from crowd_lod_extension.operators.characters.given_lods import label_of
+from crowd_lod_extension.operators.scene.characters.characters import all_characters
+from crowd_lod_extension.operators.scene.characters.given_lods import label_of
 
 from ..support.characters import new, rig, skin, tube
 

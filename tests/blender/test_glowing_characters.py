@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender.materials import emits
-from crowd_lod_extension.operators.characters.glow import glowing, notes_on_glow
-from crowd_lod_extension.operators.characters.group_measuring import measure_groups
-from crowd_lod_extension.operators.characters.stored_groups import store_groups
+from crowd_lod_extension.operators.build.render_setup import build
+from crowd_lod_extension.operators.build.visibility import notes_on_characters
 from crowd_lod_extension.operators.cli import commands
-from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.render_setup.hidden_characters import notes_on_characters
-from crowd_lod_extension.operators.render_setup.render_setup import build
+from crowd_lod_extension.operators.lods.make_lods import make_levels
+from crowd_lod_extension.operators.scene.characters.characters import glowing, notes_on_glow
+from crowd_lod_extension.operators.scene.characters.group_measuring import measure_groups
+from crowd_lod_extension.operators.scene.characters.stored_groups import store_groups
 from crowd_lod_extension.operators.scene.populate import populate_scene
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 from crowd_lod_extension.sample_scenes.scenery import add, material, tile

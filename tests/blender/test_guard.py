@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators import registration
-from crowd_lod_extension.operators.blender.guard import guard, handler, troubles_of
+from crowd_lod_extension.operators.blender.callbacks import guard, handler, troubles_of
 from crowd_lod_extension.operators.blender.labeled_properties import IntProperty
-from crowd_lod_extension.operators.render_setup.buckets import points_of
+from crowd_lod_extension.operators.build.shelves import points_of
 from crowd_lod_extension.operators.ui import steps
 
 

@@ -6,9 +6,8 @@ import bpy
 import pytest
 from crowd_lod_extension.crowd_lod.format import byte_size
 from crowd_lod_extension.operators.blender.output_folders import output_folder
-from crowd_lod_extension.operators.hand_over.lacks import lacks_of
-from crowd_lod_extension.operators.hand_over.sizes import sizes_of
-from crowd_lod_extension.operators.runs.update_all import look_again
+from crowd_lod_extension.operators.deliver.hand_over import lacks_of, sizes_of
+from crowd_lod_extension.operators.deliver.update_all import look_again
 
 from ..support.characters import character, new, tube
 

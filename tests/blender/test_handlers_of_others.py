@@ -6,7 +6,7 @@ import bpy
 import pytest
 from crowd_lod_extension.operators import registration
 from crowd_lod_extension.operators.blender.ownership import PACKAGE, is_ours
-from crowd_lod_extension.operators.render_setup.buckets import points_of
+from crowd_lod_extension.operators.build.shelves import points_of
 
 
 def function(*_):

@@ -6,11 +6,11 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.operators.characters.group_measuring import measure_groups
-from crowd_lod_extension.operators.machine import map_areas
-from crowd_lod_extension.operators.machine.map_painting import plane_of
-from crowd_lod_extension.operators.machine.scene_world import machine_of, world_of
-from crowd_lod_extension.operators.sources.crowd_sources import combine_crowds, inputs_of
+from crowd_lod_extension.operators.scene.characters.group_measuring import measure_groups
+from crowd_lod_extension.operators.scene.machine import map_areas
+from crowd_lod_extension.operators.scene.machine.map_painting import plane_of
+from crowd_lod_extension.operators.scene.machine.scene_world import machine_of, world_of
+from crowd_lod_extension.operators.scene.sources.crowd_sources import combine_crowds, inputs_of
 
 
 @pytest.fixture

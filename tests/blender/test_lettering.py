@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.runs.lettering import GAP, LINE, labeled_sheet
+from crowd_lod_extension.operators.deliver.preview.lettering import GAP, LINE, labeled_sheet
 
 pytestmark = pytest.mark.once
 PICTURE = np.full((60, 100, 4), (200, 10, 10, 255), np.uint8)

@@ -6,9 +6,9 @@ import bpy
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.lod_meshes.deviation import measure_levels
-from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.render_setup.render_setup import build
+from crowd_lod_extension.operators.build.render_setup import build
+from crowd_lod_extension.operators.lods.deviation import measure_levels
+from crowd_lod_extension.operators.lods.make_lods import make_levels
 from crowd_lod_extension.operators.scene.scene_crowd import characters_of, read_crowd
 
 from ..support.characters import character, new, rig, skin, tube

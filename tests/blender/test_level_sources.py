@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.blender import mesh_data
-from crowd_lod_extension.operators.lod_meshes import candidates
-from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from crowd_lod_extension.operators.lods import candidates
+from crowd_lod_extension.operators.lods.make_lods import make_levels
 
 from ..support.characters import character, new, rig, skin, tube
 

@@ -7,9 +7,9 @@ import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.simplification.decimate import LodMesh
 from crowd_lod_extension.operators.blender import mesh_data
-from crowd_lod_extension.operators.lod_meshes.attribute_transfer import dress, set_normals
-from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.lod_meshes.source_mesh import read_source
+from crowd_lod_extension.operators.lods.attribute_transfer import dress, set_normals
+from crowd_lod_extension.operators.lods.make_lods import make_levels
+from crowd_lod_extension.operators.lods.source_mesh import read_source
 from mathutils import Matrix, Vector
 
 from ..support.characters import character, new, rig, skin, tube

@@ -3,9 +3,9 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.blender import mesh_data
-from crowd_lod_extension.operators.characters import stored_groups
-from crowd_lod_extension.operators.lod_meshes.deviation import measure_levels
-from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from crowd_lod_extension.operators.lods.deviation import measure_levels
+from crowd_lod_extension.operators.lods.make_lods import make_levels
+from crowd_lod_extension.operators.scene.characters import stored_groups
 from mathutils import Matrix
 from mathutils.bvhtree import BVHTree
 

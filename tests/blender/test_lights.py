@@ -6,10 +6,10 @@ import pytest
 from crowd_lod_extension.crowd_lod.crowd import leave_outs
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.blender.materials import switch_nodes_on
-from crowd_lod_extension.operators.characters.group_measuring import measure_groups
-from crowd_lod_extension.operators.characters.stored_groups import store_groups
-from crowd_lod_extension.operators.render_setup import buckets, render_setup
-from crowd_lod_extension.operators.render_setup.bake import bake
+from crowd_lod_extension.operators.build import render_setup, shelves
+from crowd_lod_extension.operators.build.bake import bake
+from crowd_lod_extension.operators.scene.characters.group_measuring import measure_groups
+from crowd_lod_extension.operators.scene.characters.stored_groups import store_groups
 from crowd_lod_extension.operators.scene.lights import read_surroundings
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 from crowd_lod_extension.sample_scenes.scenery import add, box, material, tile
@@ -206,7 +206,7 @@ def unseen(scene):
     see.
     """
     found = {}
-    for bucket, item in buckets.points_of(scene.crowd_lod.build).items():
+    for bucket, item in shelves.points_of(scene.crowd_lod.build).items():
         assert item.visible_camera == (bucket.kind == "LOD") and item.visible_shadow
         if not item.visible_camera:
             values = np.empty((len(item.data.vertices), 3), np.float32)
@@ -267,7 +267,7 @@ def test_a_bake_keeps_for_their_shadows_whom_each_frame_keeps(lit, blur, rendere
     def ids_of_points(scene):
         return {
             name: ids(item.data, "id").tolist()
-            for name, item in buckets.points_of(scene.crowd_lod.build).items()
+            for name, item in shelves.points_of(scene.crowd_lod.build).items()
         }
 
     live = {}
@@ -278,6 +278,6 @@ def test_a_bake_keeps_for_their_shadows_whom_each_frame_keeps(lit, blur, rendere
         }
     list(bake(lit, [3, 12, 30]))
     for (number, name), kept in live.items():
-        mesh = buckets.points_of(lit.crowd_lod.build)[name].data
+        mesh = shelves.points_of(lit.crowd_lod.build)[name].data
         assert ids(mesh, "id")[ids(mesh, "frame") == number].tolist() == kept, (number, name)
     assert all(live[number, ("Shadow", 2)] for number in (3, 12))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import scenery
-from crowd_lod_extension.operators.runs.verify import Verify, verify
+from crowd_lod_extension.operators.deliver.proof.verify import Verify, verify
 from crowd_lod_extension.operators.scene.lights import MOST_INSTANCES
 from crowd_lod_extension.sample_scenes.scenery import add, box, material
 

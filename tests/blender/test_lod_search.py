@@ -4,11 +4,11 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.lod_meshes.deviation import Measure
-from crowd_lod_extension.operators.lod_meshes.level_objects import make_object
-from crowd_lod_extension.operators.lod_meshes.measurements import Measurements
-from crowd_lod_extension.operators.lod_meshes.search import LodCurve, Search, Try
-from crowd_lod_extension.operators.lod_meshes.source_mesh import read_source
+from crowd_lod_extension.operators.lods.deviation import Measure
+from crowd_lod_extension.operators.lods.level_objects import make_object
+from crowd_lod_extension.operators.lods.measurements import Measurements
+from crowd_lod_extension.operators.lods.search import LodCurve, Search, Try
+from crowd_lod_extension.operators.lods.source_mesh import read_source
 
 pytestmark = pytest.mark.once  # long, and the same on every Blender
 

@@ -9,10 +9,10 @@ from bpy_extras.object_utils import world_to_camera_view
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.messages import from_json
 from crowd_lod_extension.operators.blender.mesh_data import count_triangles
-from crowd_lod_extension.operators.characters import stored_groups
-from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.render_setup import render_setup
+from crowd_lod_extension.operators.build import render_setup
+from crowd_lod_extension.operators.lods.make_lods import make_levels
 from crowd_lod_extension.operators.scene import scene_crowd
+from crowd_lod_extension.operators.scene.characters import stored_groups
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 from mathutils import Vector
 

@@ -13,17 +13,17 @@ from crowd_lod_extension.crowd_lod.levels import selection
 from crowd_lod_extension.crowd_lod.output.html_report import page
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import image_data
-from crowd_lod_extension.operators.characters import (
+from crowd_lod_extension.operators.cli import commands
+from crowd_lod_extension.operators.deliver.preview import lod_picture, lod_table
+from crowd_lod_extension.operators.lods.make_lods import make_levels
+from crowd_lod_extension.operators.lods.posed_surface import InPose
+from crowd_lod_extension.operators.lods.surface import Surface
+from crowd_lod_extension.operators.scene import scene_crowd
+from crowd_lod_extension.operators.scene.characters import (
     character_extent,
     group_measuring,
     stored_groups,
 )
-from crowd_lod_extension.operators.cli import commands
-from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.lod_meshes.surface import Surface
-from crowd_lod_extension.operators.lod_meshes.worst_place import InPose
-from crowd_lod_extension.operators.runs import lod_picture, lod_table
-from crowd_lod_extension.operators.scene import scene_crowd
 
 from ..support.scene_frames import frame_now
 

@@ -3,10 +3,10 @@
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import provenance, sidebar_answers
+from crowd_lod_extension.operators.build import render_setup
 from crowd_lod_extension.operators.freshness.artifacts import note_build
 from crowd_lod_extension.operators.freshness.parts import build_parts
-from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.render_setup import render_setup
+from crowd_lod_extension.operators.lods.make_lods import make_levels
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 from crowd_lod_extension.operators.ui import steps
 from mathutils import Matrix

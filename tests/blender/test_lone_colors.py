@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.culling.camera import Window
 from crowd_lod_extension.crowd_lod.validation.judged_agents import JudgedAgent
-from crowd_lod_extension.operators.runs.lone_agents import facts_of
+from crowd_lod_extension.operators.deliver.proof.lone_agents import facts_of
 
 from ..support.cameras import straight
 

@@ -3,7 +3,11 @@
 import bpy
 import pytest
 from crowd_lod_extension.crowd_lod.crowd.state_machine import parse, preset_text
-from crowd_lod_extension.operators.machine.machine_editor import draft_of, problem_of, selected_name
+from crowd_lod_extension.operators.scene.machine.machine_editor import (
+    draft_of,
+    problem_of,
+    selected_name,
+)
 
 MARKET = preset_text("market")
 

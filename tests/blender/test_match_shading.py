@@ -4,10 +4,10 @@ import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.levels import selection
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.characters.group_measuring import measure_groups
-from crowd_lod_extension.operators.characters.stored_groups import groups_of, store_groups
-from crowd_lod_extension.operators.lod_meshes.deviation import measure_levels
-from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from crowd_lod_extension.operators.lods.deviation import measure_levels
+from crowd_lod_extension.operators.lods.make_lods import make_levels
+from crowd_lod_extension.operators.scene.characters.group_measuring import measure_groups
+from crowd_lod_extension.operators.scene.characters.stored_groups import groups_of, store_groups
 
 from ..support.characters import character, new, painted, tube
 from ..support.scene_frames import frame_now

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import bpy
 import pytest
-from crowd_lod_extension.operators.render_setup.nodes import trees
-from crowd_lod_extension.operators.render_setup.nodes.baked import baked
-from crowd_lod_extension.operators.render_setup.nodes.instances import instances
+from crowd_lod_extension.operators.build.nodes import trees
+from crowd_lod_extension.operators.build.nodes.baked import baked
+from crowd_lod_extension.operators.build.nodes.instances import instances
 
 TEXTS = Path(__file__).parent / "node_trees"
 

@@ -8,14 +8,14 @@ import pytest
 from crowd_lod_extension.crowd_lod.frame.hidden import hidden_wholly
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import scene_data
-from crowd_lod_extension.operators.overlay.agent_colors import by_reason
-from crowd_lod_extension.operators.render_setup import render_setup
-from crowd_lod_extension.operators.render_setup.cost_estimate import estimate
+from crowd_lod_extension.operators.build import render_setup
+from crowd_lod_extension.operators.build.cost_estimate import estimate
+from crowd_lod_extension.operators.plan.shot_survey import survey_of
 from crowd_lod_extension.operators.scene.lights import read_surroundings
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 from crowd_lod_extension.operators.scene.scene_occluders import scenery_digest
 from crowd_lod_extension.operators.scene.shot_reference import plan_inputs
-from crowd_lod_extension.operators.shot.shot_survey import survey_of
+from crowd_lod_extension.operators.viewport.draw_data import by_reason
 from crowd_lod_extension.sample_scenes.scenery import add, box, material, tile
 from mathutils import Vector
 from mathutils.bvhtree import BVHTree

@@ -7,11 +7,11 @@ from crowd_lod_extension.crowd_lod.behavior.walk import stray_places
 from crowd_lod_extension.crowd_lod.crowd import state_machine
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import image_data
-from crowd_lod_extension.operators.machine import scene_world
-from crowd_lod_extension.operators.overlay.draw_data import drawing
-from crowd_lod_extension.operators.overlay.inset import STRAY, with_strays
-from crowd_lod_extension.operators.runs.preview import Preview, preview
+from crowd_lod_extension.operators.deliver.preview.preview import Preview, preview
 from crowd_lod_extension.operators.scene import scene_crowd, stuck_agents
+from crowd_lod_extension.operators.scene.machine import scene_world
+from crowd_lod_extension.operators.viewport.draw_data import drawing
+from crowd_lod_extension.operators.viewport.inset import STRAY, with_strays
 
 from ..support.messages import told
 from ..support.scene_frames import frame_now

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.operators.blender import sidebar_answers
 from crowd_lod_extension.operators.blender.output_folders import full_path, output_folder
-from crowd_lod_extension.operators.runs.open_report import report_path
+from crowd_lod_extension.operators.deliver.open_report import report_path
 from crowd_lod_extension.operators.scene.plan_verdict import verdict_in_words
 
 from ..support.freshness import changed_since_build

@@ -5,7 +5,7 @@ import json
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.operators.characters.stored_groups import groups_of
+from crowd_lod_extension.operators.scene.characters.stored_groups import groups_of
 from crowd_lod_extension.operators.ui import steps
 from mathutils import Matrix
 

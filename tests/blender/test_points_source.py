@@ -11,8 +11,8 @@ import pytest
 from crowd_lod_extension.crowd_lod.crowd.leave_outs import NOTHING
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
-from crowd_lod_extension.operators.scene.frame_plan import SceneMoment, frame_of
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd, trajectory_of
+from crowd_lod_extension.operators.scene.shot_reference import SceneMoment, frame_of
 
 from ..support.scatter import scatter
 from ..support.scene_frames import frame_now

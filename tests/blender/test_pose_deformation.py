@@ -5,11 +5,10 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import mesh_data
-from crowd_lod_extension.operators.characters.stored_groups import groups_of
-from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.lod_meshes.pose_choice import choose_poses
-from crowd_lod_extension.operators.lod_meshes.pose_deformation import skin_of
-from crowd_lod_extension.operators.lod_meshes.source_mesh import read_source
+from crowd_lod_extension.operators.lods.make_lods import make_levels
+from crowd_lod_extension.operators.lods.poses import choose_poses, skin_of
+from crowd_lod_extension.operators.lods.source_mesh import read_source
+from crowd_lod_extension.operators.scene.characters.stored_groups import groups_of
 
 from ..support.characters import character, new, rig, skin, tube
 

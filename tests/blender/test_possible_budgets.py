@@ -9,15 +9,15 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.shot.budget_points import budget_sentence
 from crowd_lod_extension.operators.blender import provenance
-from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.scene.shot_reference import OVERRIDES
-from crowd_lod_extension.operators.settings.budgets import budget_of, possible_budgets
-from crowd_lod_extension.operators.shot.shot_plan import (
+from crowd_lod_extension.operators.lods.make_lods import make_levels
+from crowd_lod_extension.operators.plan.shot_plan import (
     plan_shot,
     refuse_budget,
     shot_json,
     wanted_of,
 )
+from crowd_lod_extension.operators.scene.shot_reference import OVERRIDES
+from crowd_lod_extension.operators.settings.stored_figures import budget_of, possible_budgets
 
 from ..support.characters import character, new, tube
 from ..support.freshness import changed_since_make

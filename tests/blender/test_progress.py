@@ -10,12 +10,12 @@ import pytest
 from crowd_lod_extension.crowd_lod.progress import Workload, unsure
 from crowd_lod_extension.crowd_lod.time_left import TimeLeft
 from crowd_lod_extension.operators.blender import scene_cache
+from crowd_lod_extension.operators.build.bake import bake
+from crowd_lod_extension.operators.build.buttons import prepared
 from crowd_lod_extension.operators.cli import scene_files
-from crowd_lod_extension.operators.render_setup.bake import bake
-from crowd_lod_extension.operators.render_setup.buttons import prepared
-from crowd_lod_extension.operators.runs.error_report import error
-from crowd_lod_extension.operators.runs.preview import Preview, preview
-from crowd_lod_extension.operators.runs.verify import Verify, verify
+from crowd_lod_extension.operators.deliver.error_report import error
+from crowd_lod_extension.operators.deliver.preview.preview import Preview, preview
+from crowd_lod_extension.operators.deliver.proof.verify import Verify, verify
 from crowd_lod_extension.operators.scene.populate import CROWDLOD_OT_populate
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 

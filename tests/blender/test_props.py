@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.blender import scene_cache
-from crowd_lod_extension.operators.characters.characters import all_characters, check_measured
-from crowd_lod_extension.operators.characters.group_measuring import measure_groups
-from crowd_lod_extension.operators.characters.stored_groups import groups_of, store_groups
+from crowd_lod_extension.operators.scene.characters.characters import all_characters, check_measured
+from crowd_lod_extension.operators.scene.characters.group_measuring import measure_groups
+from crowd_lod_extension.operators.scene.characters.stored_groups import groups_of, store_groups
 from crowd_lod_extension.operators.scene.scene_crowd import (
     characters_of,
     policy_of,
     trajectory_of,
 )
-from crowd_lod_extension.operators.sources.crowd_parts import GROUPS
+from crowd_lod_extension.operators.scene.sources.crowd_parts import GROUPS
 from mathutils import Matrix
 
 from ..support.freshness import changed_since_populate

@@ -7,10 +7,10 @@ import time
 import bpy
 import pytest
 from crowd_lod_extension.operators.blender import provenance, sidebar_answers
-from crowd_lod_extension.operators.characters import character_provenance
-from crowd_lod_extension.operators.characters.character_provenance import character_inputs
 from crowd_lod_extension.operators.cli import commands
-from crowd_lod_extension.operators.lod_meshes import level_objects
+from crowd_lod_extension.operators.lods import level_objects
+from crowd_lod_extension.operators.scene.characters import character_provenance
+from crowd_lod_extension.operators.scene.characters.character_provenance import character_inputs
 
 from ..support.freshness import changed_since_build, changed_since_make
 from ..support.scene_frames import frame_now

@@ -9,11 +9,11 @@ from crowd_lod_extension.crowd_lod.crowd.agents import CLASSES
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import image_data, mesh_data, named_actions, scene_data
 from crowd_lod_extension.operators.blender.animation import action_range
-from crowd_lod_extension.operators.blender.render_evaluation import as_rendered
-from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.render_setup import buckets, render_setup, rigs
-from crowd_lod_extension.operators.render_setup.phase_characters import make_characters
-from crowd_lod_extension.operators.render_setup.shelves import RIGS, SHELF
+from crowd_lod_extension.operators.blender.evaluation import as_rendered
+from crowd_lod_extension.operators.build import render_setup, rigs, shelves
+from crowd_lod_extension.operators.build.phase_characters import make_characters
+from crowd_lod_extension.operators.build.shelves import RIGS, SHELF
+from crowd_lod_extension.operators.lods.make_lods import make_levels
 from crowd_lod_extension.operators.scene.scene_crowd import characters_of, read_crowd, trajectory_of
 
 from ..support.scene_frames import frame_now
@@ -26,7 +26,7 @@ def instances(scene):
     for each in depsgraph.object_instances:
         if (
             each.is_instance
-            and buckets.LEVEL in each.parent.original
+            and shelves.LEVEL in each.parent.original
             and each.object.type == "MESH"
         ):
             mesh = each.object.data
@@ -35,7 +35,7 @@ def instances(scene):
             matrix = np.array(each.matrix_world)
             agents.append(
                 (
-                    each.parent.original[buckets.LEVEL],
+                    each.parent.original[shelves.LEVEL],
                     points @ matrix[:3, :3].T + matrix[:3, 3],
                 )
             )
@@ -190,7 +190,7 @@ def test_rigs_share_the_meshes_of_the_lods(built):
 
 
 def test_a_bake_holds_what_its_frames_show_and_nothing_else(built):
-    from crowd_lod_extension.operators.render_setup.bake import bake
+    from crowd_lod_extension.operators.build.bake import bake
 
     whole = sum(
         len(c.children) for c in built.crowd_lod.build.children_recursive if c.get(SHELF, -1) >= 0
@@ -201,8 +201,8 @@ def test_a_bake_holds_what_its_frames_show_and_nothing_else(built):
     shelf_of = {c[SHELF]: c for c in top.children_recursive if c.get(SHELF, -1) >= 0}
     for level, shelf in shelf_of.items():
         shown = set()
-        for points in buckets.points_of(top).values():
-            if points[buckets.LEVEL] == level and "pose" in points.data.attributes:
+        for points in shelves.points_of(top).values():
+            if points[shelves.LEVEL] == level and "pose" in points.data.attributes:
                 values = np.empty(len(points.data.vertices), np.int32)
                 points.data.attributes["pose"].data.foreach_get("value", values)
                 shown |= set(values.tolist())
@@ -214,7 +214,7 @@ def test_a_bake_holds_what_its_frames_show_and_nothing_else(built):
 
 
 def test_a_bake_of_frames_that_show_nobody_leaves_no_motion(built):
-    from crowd_lod_extension.operators.render_setup.bake import bake
+    from crowd_lod_extension.operators.build.bake import bake
 
     built.camera.animation_data_clear()
     built.camera.rotation_euler = (3.14, 0, 0)  # up
@@ -248,7 +248,7 @@ def test_another_frame_rate_asks_for_another_build(built, capfd):
     built.frame_set(5)
     assert "press Build again" in capfd.readouterr().err
     assert not any(
-        len(item.data.vertices) for item in buckets.points_of(built.crowd_lod.build).values()
+        len(item.data.vertices) for item in shelves.points_of(built.crowd_lod.build).values()
     )
 
 

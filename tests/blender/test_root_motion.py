@@ -9,9 +9,9 @@ from crowd_lod_extension.crowd_lod.format import number
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender.animation import curves_of
 from crowd_lod_extension.operators.blender.named_actions import own_performance
-from crowd_lod_extension.operators.characters.action_troubles import notes_on_actions
-from crowd_lod_extension.operators.characters.character_extent import posing
-from crowd_lod_extension.operators.characters.group_measuring import measure_groups
+from crowd_lod_extension.operators.scene.characters.character_extent import posing
+from crowd_lod_extension.operators.scene.characters.character_notes import notes_on_actions
+from crowd_lod_extension.operators.scene.characters.group_measuring import measure_groups
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 
 from ..support.characters import character, new, rig, skin, tube

@@ -9,10 +9,10 @@ from crowd_lod_extension import sample_scenes
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.output import tables
 from crowd_lod_extension.operators.blender import cameras, image_data
-from crowd_lod_extension.operators.characters import group_measuring
-from crowd_lod_extension.operators.machine import scene_world
+from crowd_lod_extension.operators.plan import scene_json
 from crowd_lod_extension.operators.scene import scene_crowd
-from crowd_lod_extension.operators.shot import scene_json
+from crowd_lod_extension.operators.scene.characters import group_measuring
+from crowd_lod_extension.operators.scene.machine import scene_world
 from crowd_lod_extension.sample_scenes import station_plan
 from mathutils.bvhtree import BVHTree
 

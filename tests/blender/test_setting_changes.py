@@ -2,7 +2,7 @@
 
 import bpy
 import pytest
-from crowd_lod_extension.operators.overlay import redraw
+from crowd_lod_extension.operators.viewport import viewport_overlay
 
 from ..support.overlays import populated
 
@@ -16,7 +16,7 @@ def scene():
 def test_every_setting_counts_also_those_of_groups_and_texts(scene):
     settings = scene.crowd_lod
     settings.machine = text = bpy.data.texts.new("machine")
-    assert not redraw.has_changed(scene)  # asked for the first time
+    assert not viewport_overlay.has_changed(scene)  # asked for the first time
     for change in (
         lambda: setattr(settings, "count", 60),
         lambda: setattr(settings, "agent", 3),
@@ -28,9 +28,9 @@ def test_every_setting_counts_also_those_of_groups_and_texts(scene):
         lambda: setattr(settings, "characters", None),
         lambda: text.write("{"),
     ):
-        assert not redraw.has_changed(scene)
+        assert not viewport_overlay.has_changed(scene)
         change()
-        assert redraw.has_changed(scene) and not redraw.has_changed(scene)
+        assert viewport_overlay.has_changed(scene) and not viewport_overlay.has_changed(scene)
     settings.groups[0].center = float("nan")
-    assert redraw.has_changed(scene) and not redraw.has_changed(scene)
+    assert viewport_overlay.has_changed(scene) and not viewport_overlay.has_changed(scene)
     bpy.data.texts.remove(text)

@@ -3,7 +3,7 @@
 import bpy
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.operators.cli.arguments import parser
+from crowd_lod_extension.operators.cli.commands import parser
 from crowd_lod_extension.operators.cli.options import apply_settings
 
 

@@ -10,8 +10,8 @@ import pytest
 from bl_operators.presets import AddPresetBase
 from crowd_lod_extension.operators import registration
 from crowd_lod_extension.operators.settings import presets, properties
-from crowd_lod_extension.operators.settings.budgets import LIMITS
 from crowd_lod_extension.operators.settings.crowd_settings import CROWD_NAMES
+from crowd_lod_extension.operators.settings.stored_figures import LIMITS
 
 
 def value(settings, name):

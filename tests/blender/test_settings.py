@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd import state_machine as machines
 from crowd_lod_extension.operators import registration
-from crowd_lod_extension.operators.characters import group_measuring, stored_groups
-from crowd_lod_extension.operators.machine import scene_world
-from crowd_lod_extension.operators.render_setup import buckets, render_setup
+from crowd_lod_extension.operators.build import render_setup, shelves
 from crowd_lod_extension.operators.scene import scene_crowd, stuck_agents
+from crowd_lod_extension.operators.scene.characters import group_measuring, stored_groups
+from crowd_lod_extension.operators.scene.machine import scene_world
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 from crowd_lod_extension.operators.settings.crowd_settings import CROWD_NAMES
 from crowd_lod_extension.operators.ui import steps
@@ -43,7 +43,7 @@ def turns(scene):
     for each in bpy.context.evaluated_depsgraph_get().object_instances:
         if (
             each.is_instance
-            and buckets.LEVEL in each.parent.original
+            and shelves.LEVEL in each.parent.original
             and each.object.type == "MESH"
         ):
             matrix = np.array(each.matrix_world, np.float64)

@@ -6,7 +6,7 @@ import os
 import bpy
 import pytest
 from crowd_lod_extension.operators.cli import commands, shared_runs
-from crowd_lod_extension.operators.runs import preview
+from crowd_lod_extension.operators.deliver.preview import preview
 
 from ..support.outputs import contents
 

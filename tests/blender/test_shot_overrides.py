@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.frame.planned import HIDDEN, LEVEL, PINNED
 from crowd_lod_extension.crowd_lod.shot import plan_file
-from crowd_lod_extension.operators.scene.frame_plan import frame_by_policy
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd, trajectory_of
 from crowd_lod_extension.operators.scene.shot_overrides import overrides_of
+from crowd_lod_extension.operators.scene.shot_reference import frame_by_policy
 
 from ..support.scene_frames import frame_now
 
@@ -135,13 +135,13 @@ def test_the_plan_keeps_to_overrides_and_its_users_show_them(levelled, tmp_path)
 
 
 def test_who_is_hidden_casts_no_shadow(levelled, tmp_path):
-    from crowd_lod_extension.operators.blender import frame_stepping
+    from crowd_lod_extension.operators.blender import evaluation
     from crowd_lod_extension.operators.scene import lights
 
     sun = bpy.data.objects.new("Sun", bpy.data.lights.new("Sun", "SUN"))
     sun.rotation_euler = (1.2, 0, 0.4)
     levelled.collection.objects.link(sun)
-    with frame_stepping.step_frames(levelled) as at:
+    with evaluation.step_frames(levelled) as at:
         moment = lights.read_moment(levelled, 3, at)
     plain = frame_by_policy(read_crowd(levelled), moment)
     add(levelled, agents=f"0-{levelled.crowd_lod.count - 1}", type="HIDE")

@@ -11,12 +11,12 @@ from crowd_lod_extension.crowd_lod.frame.planned import LEVEL
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.shot import plan_file
 from crowd_lod_extension.operators.blender.animation import curves_of
-from crowd_lod_extension.operators.render_setup import bake, buckets, frame_update, render_setup
-from crowd_lod_extension.operators.runs.preview import preview, verdict_in
-from crowd_lod_extension.operators.runs.preview_stage import Preview
+from crowd_lod_extension.operators.build import bake, frame_update, render_setup, shelves
+from crowd_lod_extension.operators.deliver.preview.preview import preview, verdict_in
+from crowd_lod_extension.operators.deliver.preview.preview_stage import Preview
+from crowd_lod_extension.operators.plan import shot_survey
 from crowd_lod_extension.operators.scene.plan_verdict import verdict_in_words
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
-from crowd_lod_extension.operators.shot import shot_survey
 
 from ..support.scene_frames import frame_now
 
@@ -129,7 +129,7 @@ def instances_at(scene, number):
 def levels_of_points(scene, keys):
     """{key: LOD} of the build's points that the camera sees."""
     found = {}
-    for bucket, item in buckets.points_of(scene.crowd_lod.build).items():
+    for bucket, item in shelves.points_of(scene.crowd_lod.build).items():
         if bucket.kind == "LOD" and len(item.data.vertices):
             columns = [
                 [each.value for each in item.data.attributes[key].data]

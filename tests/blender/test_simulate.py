@@ -14,10 +14,10 @@ from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import find_visible
 from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap
 from crowd_lod_extension.operators.cli import commands
-from crowd_lod_extension.operators.machine.scene_world import machine_of, world_of
+from crowd_lod_extension.operators.scene.machine.scene_world import machine_of, world_of
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
-from crowd_lod_extension.operators.sources.jupedsim_run import walkable_polygons
-from crowd_lod_extension.operators.sources.simulate import follow, simulate_crowd
+from crowd_lod_extension.operators.scene.sources.jupedsim_run import walkable_polygons
+from crowd_lod_extension.operators.scene.sources.simulate import follow, simulate_crowd
 
 from ..support.cameras import straight
 from ..support.crowds import walker
@@ -173,7 +173,7 @@ def test_people_walk_around_the_meshes_of_a_collection(hall, tmp_path):
 
 
 def test_esc_leaves_the_scene_and_the_folder_as_they_were(hall, tmp_path):
-    from crowd_lod_extension.operators.sources.simulate import CROWDLOD_OT_simulate
+    from crowd_lod_extension.operators.scene.sources.simulate import CROWDLOD_OT_simulate
 
     steps = CROWDLOD_OT_simulate.work(type("Own", (), {"crowd": 0}), bpy.context.scene)
     for _ in range(20):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.operators.blender import mesh_data
 from crowd_lod_extension.operators.blender.named_actions import performance_of
-from crowd_lod_extension.operators.characters.action_troubles import notes_on_actions
+from crowd_lod_extension.operators.scene.characters.character_notes import notes_on_actions
 from crowd_lod_extension.operators.scene.scene_crowd import characters_of
 
 from ..support.messages import sentences

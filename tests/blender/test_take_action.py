@@ -6,9 +6,9 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.operators.blender.materials import switch_nodes_on
-from crowd_lod_extension.operators.characters.stored_groups import groups_of
-from crowd_lod_extension.operators.characters.take_action import CROWDLOD_OT_take_action
-from crowd_lod_extension.operators.characters.walk_choice import take_walks
+from crowd_lod_extension.operators.scene.characters.action_choice import take_walks
+from crowd_lod_extension.operators.scene.characters.stored_groups import groups_of
+from crowd_lod_extension.operators.scene.characters.take_action import CROWDLOD_OT_take_action
 from crowd_lod_extension.operators.ui import steps
 
 from ..support.characters import character, new, rig, skin, tube

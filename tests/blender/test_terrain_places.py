@@ -8,8 +8,9 @@ from math import radians
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.operators.blender import kept_meshes, sidebar_answers
+from crowd_lod_extension.operators.blender import sidebar_answers
 from crowd_lod_extension.operators.scene import scene_crowd
+from crowd_lod_extension.operators.scene.machine import kept_meshes
 from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 

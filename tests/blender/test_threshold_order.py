@@ -79,11 +79,11 @@ def test_more_levels_find_thresholds_that_leave_each_its_place(owner, settings):
 
 def test_each_change_updates_once_more_at_most(owner, monkeypatch):
     """Blender calls the update of a property that an update sets, too."""
-    from crowd_lod_extension.operators.settings import threshold_order
+    from crowd_lod_extension.operators.settings import level_settings
 
     depth = 0
     deepest = 0
-    put = threshold_order.put_in_order
+    put = level_settings.put_in_order
 
     def counted(*which):
         nonlocal depth, deepest
@@ -92,7 +92,7 @@ def test_each_change_updates_once_more_at_most(owner, monkeypatch):
         put(*which)
         depth -= 1
 
-    monkeypatch.setattr(threshold_order, "put_in_order", counted)
+    monkeypatch.setattr(level_settings, "put_in_order", counted)
     for value in (0.9, NAN, 0.0, 1.0, INF):
         owner.thresholds[1] = value
     assert deepest == 2

@@ -13,13 +13,13 @@ from crowd_lod_extension.crowd_lod.crowd.state_machine import preset_text
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.frame.agent_under_cursor import account
 from crowd_lod_extension.operators.blender import scene_data
-from crowd_lod_extension.operators.characters.stored_groups import groups_of
 from crowd_lod_extension.operators.cli import commands
-from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.overlay import hud
+from crowd_lod_extension.operators.deliver.usd.openusd import openusd
+from crowd_lod_extension.operators.lods.make_lods import make_levels
+from crowd_lod_extension.operators.plan.scene_json import crowd_json
+from crowd_lod_extension.operators.scene.characters.stored_groups import groups_of
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd, trajectory_of
-from crowd_lod_extension.operators.shot.scene_json import crowd_json
-from crowd_lod_extension.operators.usd.openusd import openusd
+from crowd_lod_extension.operators.viewport import hud
 from crowd_lod_extension.sample_scenes.characters import make_characters
 
 from ..support.coarse_characters import CAGE

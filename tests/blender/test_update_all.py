@@ -8,7 +8,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.cli import commands
-from crowd_lod_extension.operators.runs.update_all import (
+from crowd_lod_extension.operators.deliver.update_all import (
     due_steps,
     look_again,
     update_all,

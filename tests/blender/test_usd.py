@@ -13,12 +13,12 @@ from crowd_lod_extension.crowd_lod.frame.instances import rotations_of
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.operators.blender.output_folders import output_folder
+from crowd_lod_extension.operators.build import render_setup, shelves
 from crowd_lod_extension.operators.cli import commands
-from crowd_lod_extension.operators.lod_meshes.posed_shapes import Posed
-from crowd_lod_extension.operators.render_setup import buckets, render_setup
+from crowd_lod_extension.operators.deliver.usd.export import POSES, UsdExport, export_usd
+from crowd_lod_extension.operators.deliver.usd.openusd import openusd
+from crowd_lod_extension.operators.lods.posed_shapes import Posed
 from crowd_lod_extension.operators.scene.scene_crowd import characters_of, read_crowd, trajectory_of
-from crowd_lod_extension.operators.usd.export import POSES, UsdExport, export_usd
-from crowd_lod_extension.operators.usd.openusd import openusd
 from mathutils import Matrix, Quaternion
 
 FRAMES = (3, 11, 30)
@@ -71,12 +71,12 @@ def in_build(scene, number):
     scene.frame_set(number)
     instances = {}
     for instance in bpy.context.evaluated_depsgraph_get().object_instances:
-        if instance.is_instance and buckets.LEVEL in instance.parent:
+        if instance.is_instance and shelves.LEVEL in instance.parent:
             own = np.array(instance.matrix_world) @ np.linalg.inv(
                 np.array(instance.object.original.matrix_world)
             )
             group = instance.object.original.users_collection[0].name.split()[1]
-            instances[instance.persistent_id[1]] = own, instance.parent[buckets.LEVEL], group
+            instances[instance.persistent_id[1]] = own, instance.parent[shelves.LEVEL], group
     return instances
 
 

@@ -12,8 +12,8 @@ from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.validation.render_proof import to_text
 from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.operators.cli import commands
-from crowd_lod_extension.operators.runs.verify import verify
-from crowd_lod_extension.operators.runs.verify_stage import PAIRS, Verify
+from crowd_lod_extension.operators.deliver.proof.verify import verify
+from crowd_lod_extension.operators.deliver.proof.verify_stage import PAIRS, Verify
 from crowd_lod_extension.sample_scenes.scenery import add, material, tile
 
 pytestmark = pytest.mark.once  # long, and the same on every Blender

@@ -9,9 +9,9 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.validation.render_proof import verdict
 from crowd_lod_extension.operators.blender import image_data, mesh_data
-from crowd_lod_extension.operators.render_setup.buckets import points_of
-from crowd_lod_extension.operators.runs.verify import Verify, verify
-from crowd_lod_extension.operators.runs.verify_build import frames_to_verify
+from crowd_lod_extension.operators.build.shelves import points_of
+from crowd_lod_extension.operators.deliver.proof.verify import Verify, verify
+from crowd_lod_extension.operators.deliver.proof.verify_build import frames_to_verify
 from crowd_lod_extension.sample_scenes.scenery import add, material, tile
 from mathutils import Matrix
 

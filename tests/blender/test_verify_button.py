@@ -8,7 +8,7 @@ from urllib.parse import unquote
 import bpy
 import pytest
 from crowd_lod_extension.crowd_lod.validation.render_proof import worst_agents
-from crowd_lod_extension.operators.runs.open_report import REPORTS, report_path
+from crowd_lod_extension.operators.deliver.open_report import REPORTS, report_path
 from crowd_lod_extension.sample_scenes.scenery import add, material, tile
 
 from ..support.pages import Reader

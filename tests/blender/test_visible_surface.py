@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.lod_meshes import deviation
-from crowd_lod_extension.operators.lod_meshes.posed_shapes import Posed
-from crowd_lod_extension.operators.lod_meshes.posed_surface import PosedSurface, compare_surfaces
+from crowd_lod_extension.operators.lods import deviation
+from crowd_lod_extension.operators.lods.posed_shapes import Posed
+from crowd_lod_extension.operators.lods.posed_surface import PosedSurface, compare_surfaces
 
 pytestmark = pytest.mark.once
 GROUP = Group("one", 0, 1, 0, 1)

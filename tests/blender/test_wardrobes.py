@@ -7,19 +7,19 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.shot.shot_cost import work_in
 from crowd_lod_extension.operators.blender import scene_data
-from crowd_lod_extension.operators.blender.material_colors import BY_AGENT, Looks
+from crowd_lod_extension.operators.blender.colors import BY_AGENT, Looks
 from crowd_lod_extension.operators.blender.materials import switch_nodes_on
 from crowd_lod_extension.operators.blender.mesh_data import read_points
-from crowd_lod_extension.operators.characters.characters import all_characters
-from crowd_lod_extension.operators.characters.group_measuring import measure_groups
-from crowd_lod_extension.operators.characters.stored_groups import store_groups
-from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.overlay.agent_colors import by_material
-from crowd_lod_extension.operators.overlay.skinned_characters import SkinnedCharacter
-from crowd_lod_extension.operators.render_setup import bake
-from crowd_lod_extension.operators.render_setup.buckets import points_of
+from crowd_lod_extension.operators.build import bake
+from crowd_lod_extension.operators.build.shelves import points_of
+from crowd_lod_extension.operators.lods.make_lods import make_levels
+from crowd_lod_extension.operators.plan.shot_plan import PlanRequest, plan_shot, write_levels
+from crowd_lod_extension.operators.scene.characters.characters import all_characters
+from crowd_lod_extension.operators.scene.characters.group_measuring import measure_groups
+from crowd_lod_extension.operators.scene.characters.stored_groups import store_groups
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
-from crowd_lod_extension.operators.shot.shot_plan import PlanRequest, plan_shot, write_levels
+from crowd_lod_extension.operators.viewport.draw_data import by_material
+from crowd_lod_extension.operators.viewport.skinned_characters import SkinnedCharacter
 
 from ..support.scatter import scatter
 from ..support.scene_frames import frame_now

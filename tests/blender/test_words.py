@@ -10,10 +10,10 @@ import pytest
 from crowd_lod_extension.crowd_lod.crowd.machine_edits import add_state
 from crowd_lod_extension.crowd_lod.crowd.state_machine import preset_text
 from crowd_lod_extension.operators.blender import steps as work
-from crowd_lod_extension.operators.machine.machine_editor import change, draft_of, problem_of
+from crowd_lod_extension.operators.deliver.usd.openusd import MISSING, openusd
+from crowd_lod_extension.operators.scene.machine.machine_editor import change, draft_of, problem_of
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 from crowd_lod_extension.operators.ui import steps
-from crowd_lod_extension.operators.usd.openusd import MISSING, openusd
 
 
 def plane(name):

@@ -53,19 +53,17 @@ FLOORS = {
         *("simplification", "frame", "shot", "validation", "output"),
     ),
     "operators": (
-        *(
-            "blender",
-            "settings",
-            "machine",
-            "characters",
-            "sources",
-            "scene",
-            "freshness",
-            "lod_meshes",
-            "overlay",
-        ),
-        *("render_setup", "shot", "runs", "usd", "hand_over", "cli", "ui", ""),
+        *("blender", "settings", "scene", "freshness", "lods", "plan"),
+        *("viewport", "build", "deliver", "cli", "ui", ""),
     ),
+}
+
+
+# The folders of a floor that has some, lowest first; "" are its own modules.
+ROOMS = {
+    "operators/scene": ("machine", "characters", "sources", ""),
+    "operators/deliver": ("usd", "preview", "proof", ""),
+    "operators/build": ("nodes", ""),
 }
 
 
@@ -115,6 +113,25 @@ def test_imports_go_down_the_floors():
                 or (package == home and FLOORS[package].index(own) > FLOORS[package].index(floor))
             ):
                 up.append(f"{path.relative_to(ROOT)} imports {other.relative_to(ROOT)}")
+    assert not up
+
+
+@pytest.mark.parametrize("floor", ROOMS)
+def test_imports_go_down_the_rooms_of_a_floor(floor):
+    rooms = ROOMS[floor]
+    found = {path.name for path in (ROOT / floor).iterdir() if (path / "__init__.py").exists()}
+    assert found == set(rooms) - {""}
+
+    def room_of(path):
+        parts = path.relative_to(ROOT / floor).parts
+        return rooms.index(parts[0] if len(parts) > 1 else "")
+
+    up = [
+        f"{path.relative_to(ROOT)} imports {other.relative_to(ROOT)}"
+        for path in (ROOT / floor).rglob("*.py")
+        for other in imported(path)
+        if other.is_relative_to(ROOT / floor) and room_of(other) > room_of(path)
+    ]
     assert not up
 
 

@@ -14,9 +14,9 @@ crowd_lod_extension.register()
 sys.path.append({str(ROOT / "tests")!r})
 from support.coarse_characters import coarsen
 from crowd_lod_extension import sample_scenes
-from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.characters.group_measuring import measure_groups
-from crowd_lod_extension.operators.characters.stored_groups import store_groups
+from crowd_lod_extension.operators.lods.make_lods import make_levels
+from crowd_lod_extension.operators.scene.characters.group_measuring import measure_groups
+from crowd_lod_extension.operators.scene.characters.stored_groups import store_groups
 bpy.ops.wm.read_homefile(use_empty=True)
 scene = bpy.context.scene
 sample_scenes.make("chapter", scene)

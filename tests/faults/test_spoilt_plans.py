@@ -15,7 +15,7 @@ from crowd_lod_extension.crowd_lod.levels.assignment import MOST_LEVELS
 from crowd_lod_extension.crowd_lod.output.frame_parts import FrameParts, keep_whole
 from crowd_lod_extension.crowd_lod.shot import plan_file
 from crowd_lod_extension.operators.cli import farm, shared_runs
-from crowd_lod_extension.operators.cli.arguments import parser
+from crowd_lod_extension.operators.cli.commands import parser
 
 pytestmark = pytest.mark.faults
 TRIALS = 200 * int(os.environ.get("CROWD_LOD_TRIALS", "1"))

@@ -63,9 +63,9 @@ def trial(words: list[str], limit: int | None) -> dict:
 def small(file: Path) -> None:
     """A crowd of 20 of one character with its LOD, and little to render."""
     from crowd_lod_extension import sample_scenes
-    from crowd_lod_extension.operators.characters.group_measuring import measure_groups
-    from crowd_lod_extension.operators.characters.stored_groups import store_groups
-    from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+    from crowd_lod_extension.operators.lods.make_lods import make_levels
+    from crowd_lod_extension.operators.scene.characters.group_measuring import measure_groups
+    from crowd_lod_extension.operators.scene.characters.stored_groups import store_groups
 
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=False)
     scene = bpy.context.scene

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.animation.skinning import SkinnedMesh
 from crowd_lod_extension.crowd_lod.crowd.agents import Group
-from crowd_lod_extension.operators.overlay import gpu_batches
-from crowd_lod_extension.operators.overlay.gpu_batches import GpuBodies
-from crowd_lod_extension.operators.overlay.skinned_characters import SkinnedCharacter
+from crowd_lod_extension.operators.viewport import gpu_batches
+from crowd_lod_extension.operators.viewport.gpu_batches import GpuBodies
+from crowd_lod_extension.operators.viewport.skinned_characters import SkinnedCharacter
 
 from .test_meshes import HEIGHT, WIDTH, hue, instances, picture, row
 

@@ -3,7 +3,7 @@
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.operators.overlay import display, open_shutter
+from crowd_lod_extension.operators.viewport import display, viewport_cameras
 
 from ..support.overlays import populated, shown
 from ..support.scene_frames import frame_now
@@ -59,11 +59,11 @@ def test_an_open_shutter_is_read_outside_the_drawing_and_then_shown(scene, monke
     scene.render.motion_blur_shutter = 1.0
     names = {s.name for s in bpy.data.scenes}
     shown(scene)
-    assert bpy.app.timers.is_registered(open_shutter.read_shutters)
+    assert bpy.app.timers.is_registered(viewport_cameras.read_shutters)
     assert {s.name for s in bpy.data.scenes} == names
-    assert 0 < open_shutter.read_shutters() <= open_shutter.REST  # other frames may come
-    monkeypatch.setattr(open_shutter, "REST", 0.0)
-    assert open_shutter.read_shutters() is None
+    assert 0 < viewport_cameras.read_shutters() <= viewport_cameras.REST  # other frames may come
+    monkeypatch.setattr(viewport_cameras, "REST", 0.0)
+    assert viewport_cameras.read_shutters() is None
     blurred = assert_as_planned(scene)
     assert (
         blurred.visible >= still.frame.visible

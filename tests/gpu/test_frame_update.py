@@ -6,7 +6,7 @@ import weakref
 import bpy
 import pytest
 from crowd_lod_extension.operators.blender import scene_cache
-from crowd_lod_extension.operators.overlay import (
+from crowd_lod_extension.operators.viewport import (
     appearance,
     character_cache,
     display,

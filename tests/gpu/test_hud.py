@@ -11,19 +11,21 @@ from crowd_lod_extension.crowd_lod.frame.agent_under_cursor import Account
 from crowd_lod_extension.crowd_lod.frame.reasons import REASONS
 from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap
 from crowd_lod_extension.operators.blender.cameras import camera_from
-from crowd_lod_extension.operators.blender.color_space import to_srgb
-from crowd_lod_extension.operators.lod_meshes.make_lods import TINTS
-from crowd_lod_extension.operators.overlay import hud, inset
-from crowd_lod_extension.operators.overlay.agent_colors import (
+from crowd_lod_extension.operators.blender.colors import to_srgb
+from crowd_lod_extension.operators.lods.make_lods import TINTS
+from crowd_lod_extension.operators.viewport import hud, inset
+from crowd_lod_extension.operators.viewport.draw_data import (
+    HIDDEN,
     Colors,
+    Style,
     by_group,
     by_level,
     by_reason,
     by_state,
+    drawing,
 )
-from crowd_lod_extension.operators.overlay.draw_data import HIDDEN, Style, drawing
-from crowd_lod_extension.operators.overlay.gpu_batches import Batches
-from crowd_lod_extension.operators.overlay.viewport_camera import camera_of, viewpoint
+from crowd_lod_extension.operators.viewport.gpu_batches import Batches
+from crowd_lod_extension.operators.viewport.viewport_cameras import camera_of, viewpoint
 
 from ..support.overlays import AGENTS, GROUPS, planned
 

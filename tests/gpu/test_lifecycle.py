@@ -7,7 +7,7 @@ import weakref
 
 import bpy
 from crowd_lod_extension.operators import registration
-from crowd_lod_extension.operators.overlay import shader_programs, viewport_overlay
+from crowd_lod_extension.operators.viewport import shader_programs, viewport_overlay
 
 from .test_frame_update import scene, shown  # noqa: F401  a fixture
 from .test_hud import hud, inset

@@ -3,7 +3,7 @@
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.operators.blender.material_colors import GRAY, Looks
+from crowd_lod_extension.operators.blender.colors import GRAY, Looks
 from crowd_lod_extension.operators.blender.materials import switch_nodes_on
 
 COLOR = 0.5, 0.25, 0.125

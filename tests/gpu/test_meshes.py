@@ -12,11 +12,11 @@ from crowd_lod_extension import sample_scenes
 from crowd_lod_extension.crowd_lod.animation.skinning import pose, skin
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import mesh_data, removal
-from crowd_lod_extension.operators.overlay import gpu_batches, shader_programs, skinned_characters
-from crowd_lod_extension.operators.overlay.draw_data import Drawing
-from crowd_lod_extension.operators.overlay.gpu_batches import Batches, GpuBodies
-from crowd_lod_extension.operators.overlay.gpu_draw import paint, view_buffer
-from crowd_lod_extension.operators.overlay.skinned_characters import bake_character
+from crowd_lod_extension.operators.viewport import gpu_batches, shader_programs, skinned_characters
+from crowd_lod_extension.operators.viewport.draw_data import Drawing
+from crowd_lod_extension.operators.viewport.gpu_batches import Batches, GpuBodies
+from crowd_lod_extension.operators.viewport.gpu_draw import paint, view_buffer
+from crowd_lod_extension.operators.viewport.skinned_characters import bake_character
 from mathutils import Matrix, kdtree
 
 from ..support.coarse_characters import coarsen

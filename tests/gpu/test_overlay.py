@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from bpy_extras.object_utils import world_to_camera_view
 from crowd_lod_extension.crowd_lod.culling.camera import frustum_corners
-from crowd_lod_extension.operators.blender.color_space import to_srgb
-from crowd_lod_extension.operators.lod_meshes.make_lods import TINTS
-from crowd_lod_extension.operators.overlay import draw_data
-from crowd_lod_extension.operators.overlay.draw_data import CULLED, FRUSTUM, Style, drawing
-from crowd_lod_extension.operators.overlay.gpu_batches import Batches
-from crowd_lod_extension.operators.overlay.gpu_draw import POINT_PIXELS, paint
+from crowd_lod_extension.operators.blender.colors import to_srgb
+from crowd_lod_extension.operators.lods.make_lods import TINTS
+from crowd_lod_extension.operators.viewport import draw_data
+from crowd_lod_extension.operators.viewport.draw_data import CULLED, FRUSTUM, Style, drawing
+from crowd_lod_extension.operators.viewport.gpu_batches import Batches
+from crowd_lod_extension.operators.viewport.gpu_draw import POINT_PIXELS, paint
 from mathutils import Matrix, Vector
 
 from ..support.overlays import AGENTS, GROUPS, planned

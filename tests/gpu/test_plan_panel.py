@@ -1,9 +1,9 @@
 """What the sidebar and the eyedropper say of a shot plan, as the overlay finds it."""
 
 import bpy
-from crowd_lod_extension.operators.overlay import viewport_overlay
-from crowd_lod_extension.operators.overlay.hud import describe
 from crowd_lod_extension.operators.ui import shot_panels, steps
+from crowd_lod_extension.operators.viewport import viewport_overlay
+from crowd_lod_extension.operators.viewport.hud import describe
 
 from ..support.overlays import populated, shown
 

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from crowd_lod_extension import sample_scenes
 from crowd_lod_extension.operators.blender import image_data, mesh_data
-from crowd_lod_extension.operators.blender.color_space import to_linear
-from crowd_lod_extension.operators.characters.stored_groups import groups_of
+from crowd_lod_extension.operators.blender.colors import to_linear
 from crowd_lod_extension.operators.cli import commands
-from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.overlay import playblast
-from crowd_lod_extension.operators.overlay.draw_data import Style, drawing
-from crowd_lod_extension.operators.overlay.gpu_batches import Batches, GpuBodies
-from crowd_lod_extension.operators.overlay.gpu_draw import paint
+from crowd_lod_extension.operators.lods.make_lods import make_levels
+from crowd_lod_extension.operators.scene.characters.stored_groups import groups_of
 from crowd_lod_extension.operators.scene.scene_crowd import SceneCrowd
+from crowd_lod_extension.operators.viewport import playblast
+from crowd_lod_extension.operators.viewport.draw_data import Style, drawing
+from crowd_lod_extension.operators.viewport.gpu_batches import Batches, GpuBodies
+from crowd_lod_extension.operators.viewport.gpu_draw import paint
 
 from ..support.coarse_characters import coarsen
 from ..support.scene_frames import frame_now

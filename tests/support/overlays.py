@@ -12,8 +12,8 @@ from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 from crowd_lod_extension.crowd_lod.world.maps import Area, edge_map
-from crowd_lod_extension.operators.overlay import viewport_overlay
-from crowd_lod_extension.operators.overlay.draw_data import Style, drawing
+from crowd_lod_extension.operators.viewport import viewport_overlay
+from crowd_lod_extension.operators.viewport.draw_data import Style, drawing
 
 GROUPS = (Group("adult", 0.9, 1.0, 0.0, 1.0), Group("child", 0.6, 0.7, 0.0, 1.0))
 

@@ -1,8 +1,8 @@
 """The frame of a scene, planned as renders plan it."""
 
 from crowd_lod_extension.operators.blender.cameras import read_cameras
-from crowd_lod_extension.operators.scene.frame_plan import SceneMoment, frame_of, moment_now
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
+from crowd_lod_extension.operators.scene.shot_reference import SceneMoment, frame_of, moment_now
 
 
 def frame_now(scene, depsgraph, around=None):

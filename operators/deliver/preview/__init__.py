@@ -1,0 +1,4 @@
+"""Preview: pictures, a table row and a plan for each frame.
+
+In: a scene, frames, a folder. Out: files in that folder, all or none.
+"""

@@ -1,0 +1,122 @@
+"""The whole pictures of a proof: rendered small, compared, and written as PNG."""
+
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ....crowd_lod.culling.stereo import EYES
+from ....crowd_lod.output import file_checks
+from ....crowd_lod.output.png_file import save_png
+from ....crowd_lod.progress import run_in_thread
+from ...blender import cameras, console, image_data, removal
+from ..preview import preview_stage
+
+# The pictures of a frame. The third is the culled one without those whom the camera does not see
+# itself.
+PICTURES = {
+    "a": "all agents, full detail",
+    "b": "culled, full detail",
+    "bare": "culled, without shadows and reflections from outside the picture",
+    "c": "as built",
+}
+COMPARED = "b", "bare", "c"  # with "a"
+TITLES = (  # of the contact sheet's columns: PICTURES, then how COMPARED differ
+    "Everyone, full detail",
+    "Culled, full detail",
+    "Only who is in the picture",
+    "As built",
+    "Difference: culled",
+    "Difference: only those",
+    "Difference: as built",
+)
+AGENT_TITLES = "Full detail", "As built", "Difference, amplified"
+# in the pictures of differences: times, and at least, of 255
+AMPLIFIED = 16
+FAINTEST = 60
+
+
+@contextmanager
+def small(scene: bpy.types.Scene, size: tuple[int, int]) -> Iterator[None]:
+    """Set the size of renders, (width, height) pixels, and restore it afterwards.
+
+    The pictures show no more than those of the scene's own size, for which agents are culled: the
+    same window, and a pixel filter that reaches as far.
+    """
+    render = scene.render
+    width, height = size
+    own_width, own_height = cameras.image_size(render)
+    with preview_stage.restore_settings(render, scene.cycles):
+        scene.cycles.filter_width *= min(width / own_width, 1.0)
+        render.resolution_x = width
+        render.resolution_y = height
+        render.resolution_percentage = 100
+        taller = width * own_height / (own_width * height)  # the pixels, than the scene's own
+        render.pixel_aspect_x *= max(1 / taller, 1.0)
+        render.pixel_aspect_y *= max(taller, 1.0)
+        yield
+
+
+def render_picture(stage: bpy.types.Scene, path: Path) -> None:
+    """Render to EXR files, one for each view, beside the PNG `path` that develop_picture writes."""
+    settings = stage.render.image_settings
+    with console.quiet(), bpy.context.temp_override(scene=stage):
+        settings.file_format = "OPEN_EXR"
+        settings.color_depth = "32"
+        stage.render.filepath = str(path.with_suffix(".exr"))
+        bpy.ops.render.render(write_still=True)
+    settings.file_format = "PNG"
+    settings.color_depth = "8"
+
+
+def develop_picture(stage: bpy.types.Scene, path: Path) -> Generator[float, None, np.ndarray]:
+    """Make the PNG `path` of what was rendered: yield between steps, return the linear values.
+
+    They are (rows, columns, 4) float32, bottom row first. The views of a stereo picture stand side
+    by side.
+    """
+    stem = path.with_suffix("")
+    values = []
+    pixels = []
+    for view in _views(stage.render):
+        raw = Path(f"{stem}{view}.exr")
+        png = Path(f"{stem}{view}.png")
+        file_checks.check(raw)
+        image = bpy.data.images.load(str(raw))
+        try:
+            values.append(image_data.read_values(image))
+            with image_data.check_written(png):
+                image.save_render(str(png), scene=stage)
+            pixels.append(image_data.load_pixels(png))
+        finally:
+            removal.remove([image])
+        raw.unlink()
+        png.unlink()
+        yield 0.0
+    yield from run_in_thread(partial(save_png, path, np.concatenate(pixels, axis=1)))
+    return np.concatenate(values, axis=1)
+
+
+def _views(render: bpy.types.RenderSettings) -> list[str]:
+    """Return the file suffixes of the picture's views, such as the eyes of stereo."""
+    if not render.use_multiview:
+        return [""]
+    stereo = render.views_format == "STEREO_3D"
+    return [
+        view.file_suffix for view in render.views if view.use and (view.name in EYES or not stereo)
+    ]
+
+
+def amplified(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the amplified difference of two pictures, (rows, columns, 4) uint8.
+
+    Black is no difference. Any other is at least FAINTEST.
+    """
+    off = np.abs(a - b)
+    picture = np.rint(255 * (AMPLIFIED * off).clip(0, 1)).astype(np.uint8)
+    picture[off > 0] = np.maximum(picture[off > 0], FAINTEST)
+    picture[..., 3] = 255
+    return picture

@@ -1,0 +1,396 @@
+"""Characters from Selection: the characters' collection and its groups, made of what is selected."""
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import bpy
+import numpy as np
+
+from ....crowd_lod.errors import CrowdError
+from ....crowd_lod.format import counted
+from ...blender.character_objects import GEOMETRY, WITHOUT_FACES, may_have_faces
+from ...blender.labeled_properties import EnumProperty
+from ...blender.operator import Reporting
+from ...blender.ownership import OWNED
+from ...settings.crowds import first_crowd
+from .action_choice import take_walks
+from .characters import groups_in
+from .given_lods import CharacterGroup, label_of, with_given_lods
+
+FLAT = 4.0  # times as wide as high: ground, and no person
+
+
+def characters_in(
+    scene: bpy.types.Scene, selected: Sequence[bpy.types.Object]
+) -> dict[bpy.types.Object, list[bpy.types.Object]]:
+    """Return the characters that `selected` belong to: root -> the root and all its shapes.
+
+    A root is a rig. Its shapes are what it deforms and what is parented to it. Shapes that no rig
+    moves have as root the topmost shape, or selected empty, that they are parented to. Empties
+    above all these, with no shape of others below them, come last.
+    """
+    shapes = {
+        bone.custom_shape
+        for item in scene.objects
+        if item.type == "ARMATURE"
+        for bone in item.pose.bones
+    }
+    usable = [item for item in scene.objects if item not in shapes and is_shape(item)]
+    empties = {
+        item for item in selected if item.type == "EMPTY" and item.instance_collection is None
+    }
+    root = {item: _root(item, empties) for item in usable}
+    roots = {item if item.type in ("ARMATURE", "EMPTY") else root.get(item) for item in selected}
+    # a selected empty brings what is below it
+    roots |= {
+        root[item] for item in usable if empties.intersection(_parents(item) + _parents(root[item]))
+    }
+    members: dict[bpy.types.Object, list[bpy.types.Object]] = {}
+    for item in usable:
+        if root[item] in roots:
+            members.setdefault(root[item], [root[item]]).append(item)
+    return {
+        top: list(dict.fromkeys([*items, *_empties_above(items, usable)]))
+        for top, items in members.items()
+    }
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What a selection is understood as.
+
+    characters: root -> it and all its shapes, as characters_in; LODs of one are apart.
+    instanced: collection -> an empty that shows it: each is a character.
+    """
+
+    characters: dict[bpy.types.Object, list[bpy.types.Object]]
+    instanced: dict[bpy.types.Collection, bpy.types.Object]
+
+    def groups(self) -> list[CharacterGroup]:
+        """Return `characters`, the LODs of one together."""
+        return with_given_lods(
+            [(root, items, (0, 0, 0)) for root, items in self.characters.items()]
+        )
+
+    def lines(self) -> Iterator[str]:
+        """Yield a line for each character: its name, and what it is made of."""
+        for group in self.groups():
+            rigs = sum(item.type == "ARMATURE" for item in group.members)
+            parts = [
+                counted(sum(map(is_shape, group.members)), "mesh", "meshes"),
+                *[counted(rigs, "rig")] * bool(rigs),
+                *[counted(len(group.lods), "LOD of its own", "LODs of its own")] * bool(group.lods),
+            ]
+            yield f"{group.owner.name}: {', '.join(parts)}"
+        for home in self.instanced:
+            yield f"{home.name}: " + (
+                "linked, as a library override"
+                if home.library
+                else "a collection that is instanced"
+            )
+
+
+def read_selection(
+    scene: bpy.types.Scene, selected: Sequence[bpy.types.Object], how: str = "LISTED"
+) -> Reading:
+    """Return how a selection is understood; how: LISTED, ONE or EACH, see the operator."""
+    instanced = {
+        item.instance_collection: item
+        for item in selected
+        if item.type == "EMPTY"
+        and item.instance_collection is not None
+        and any(map(is_shape, item.instance_collection.all_objects))
+    }
+    characters = characters_in(scene, selected)
+    if how == "ONE" and characters:
+        size = {root: math.prod(_box(items).size) for root, items in characters.items()}
+        largest = max(characters, key=lambda root: (root.type == "ARMATURE", size[root]))
+        together = dict.fromkeys(item for items in characters.values() for item in items)
+        characters = {largest: list(together)}
+    elif how == "LISTED":
+        characters = _with_loose_parts_joined(characters)
+    return Reading(characters, instanced)
+
+
+def _empties_above(
+    items: Sequence[bpy.types.Object], shapes: Iterable[bpy.types.Object]
+) -> list[bpy.types.Object]:
+    """Return the empties that `items` alone of all `shapes` are parented to, such as importers
+    make.
+    """
+    other_shapes = set(shapes).difference(items)
+    above = dict.fromkeys(
+        parent for item in items for parent in _parents(item) if parent.type == "EMPTY"
+    )
+    movable = (
+        empty for empty in above if empty.instance_collection is None and not is_fixed(empty)
+    )
+    return [empty for empty in movable if other_shapes.isdisjoint(empty.children_recursive)]
+
+
+def is_shape(item: bpy.types.Object) -> bool:
+    return item.type in GEOMETRY and may_have_faces(item) and not item.get(OWNED)
+
+
+def _parents(item: bpy.types.Object) -> list[bpy.types.Object]:
+    """Return the parent of `item`, that one's parent, and so on."""
+    return [] if item.parent is None else [item.parent, *_parents(item.parent)]
+
+
+def _root(item: bpy.types.Object, empties: Iterable[bpy.types.Object]) -> bpy.types.Object:
+    """Return the root of the character that the shape `item` belongs to; see characters_in."""
+    above = [item, *_parents(item)]
+    rigs = (each if each.type == "ARMATURE" else each.find_armature() for each in above)
+    tops = [each for each in above if is_shape(each) or each in empties]
+    return next(filter(None, rigs), tops[-1])
+
+
+class _Box(NamedTuple):
+    """The box around objects, world meters."""
+
+    low: np.ndarray
+    high: np.ndarray
+
+    @property
+    def size(self) -> np.ndarray:
+        return self.high - self.low
+
+    def overlaps(self, other: "_Box") -> bool:
+        return bool((self.low <= other.high).all() and (other.low <= self.high).all())
+
+    def around(self, other: "_Box") -> "_Box":
+        return _Box(np.minimum(self.low, other.low), np.maximum(self.high, other.high))
+
+
+def _box(items: Iterable[bpy.types.Object]) -> _Box:
+    corners = [
+        np.array(item.bound_box) @ np.array(item.matrix_world)[:3, :3].T
+        + np.array(item.matrix_world.translation)
+        for item in items
+        if is_shape(item)
+    ]
+    points = np.concatenate(corners)
+    return _Box(points.min(axis=0), points.max(axis=0))
+
+
+def _with_loose_parts_joined(
+    characters: dict[bpy.types.Object, list[bpy.types.Object]],
+) -> dict[bpy.types.Object, list[bpy.types.Object]]:
+    """Return the characters, those without a rig that lie in one another as one.
+
+    Ground under them stays apart: together they would be FLAT. So do LODs, which have numbers.
+    """
+    loose = {
+        root: items
+        for root, items in characters.items()
+        if not any(item.type == "ARMATURE" for item in items)
+        and all(label_of(item.name).number is None for item in items)
+    }
+    boxes = {root: _box(items) for root, items in loose.items()}
+    joined = dict(characters)
+    clusters: list[bpy.types.Object] = []
+    for root in sorted(loose, key=lambda root: -math.prod(boxes[root].size)):
+        for first in clusters:
+            around_both = boxes[first].around(boxes[root])
+            if (
+                boxes[first].overlaps(boxes[root])
+                and around_both.size[:2].max() <= FLAT * around_both.size[2]
+            ):
+                joined[first] = list(dict.fromkeys([*joined[first], *joined.pop(root)]))
+                boxes[first] = around_both
+                break
+        else:
+            clusters.append(root)
+    return joined
+
+
+def is_fixed(item: bpy.types.Object) -> bool:
+    """Return whether the object is in a collection that it cannot be taken from."""
+    return any(home.library or home.override_library for home in item.users_collection)
+
+
+MOST_NAMES = 6  # in a message
+MOST_LINES = 20  # in the list of what is read
+
+
+def _home(top: bpy.types.Collection, root: bpy.types.Object) -> bpy.types.Collection:
+    """Return the collection in `top` of the group that the `root` is in, or a new one at its
+    feet.
+    """
+    for child in top.children:
+        if root in child.all_objects[:]:
+            return child
+    home = bpy.data.collections.new(root.name)
+    home.instance_offset = root.matrix_world.translation
+    if "stride" in root:
+        home["stride"] = root["stride"]
+    top.children.link(home)
+    return home
+
+
+def _move(item: bpy.types.Object, home: bpy.types.Collection, scene: bpy.types.Scene) -> None:
+    """Move `item` to the collection `home` from all others of the scene; it stays where it is."""
+    if item in home.all_objects[:]:
+        return
+    home.objects.link(item)
+    for other in {scene.collection, *scene.collection.children_recursive}.intersection(
+        item.users_collection
+    ) - {home}:
+        other.objects.unlink(item)
+
+
+def _bring(
+    scene: bpy.types.Scene,
+    top: bpy.types.Collection,
+    home: bpy.types.Collection,
+    instance: bpy.types.Object,
+) -> bpy.types.Collection:
+    """Make the instanced collection `home` one of the characters; return it, or its override."""
+    if home.library:
+        home = home.override_hierarchy_create(
+            scene, bpy.context.view_layer, reference=instance, do_fully_editable=True
+        )
+        for other in {scene.collection, *scene.collection.children_recursive} - {top}:
+            if home in other.children[:]:
+                other.children.unlink(home)
+    if home not in top.children[:]:
+        top.children.link(home)
+    return home
+
+
+def _instance_notes(reading: Reading) -> Iterator[str]:
+    instances = [item for item in reading.instanced.values() if item.name in bpy.data.objects]
+    if instances:
+        yield f"Still in the scene, as one more each: {_listed(instances)}."
+
+
+def _listed(objects: Iterable[bpy.types.ID]) -> str:
+    names = sorted((item.name for item in objects), key=str.casefold)
+    more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
+    return ", ".join(names[:MOST_NAMES]) + more
+
+
+def _notes(selected: Sequence[bpy.types.Object], characters: dict, moved: dict) -> Iterator[str]:
+    """Yield sentences that name what is not moved, and what to do.
+
+    characters: of characters_in; moved: those of them that are moved.
+    """
+    members = {item for items in characters.values() for item in items}
+    # an empty above characters is none of them, and not left out
+    left = {
+        item
+        for item in selected
+        if item not in members and not members.intersection(item.children_recursive)
+    }
+    faceless = {"META", *WITHOUT_FACES}
+    left |= {
+        item
+        for root in moved
+        for item in root.children_recursive
+        if item.type in faceless or item.instance_collection
+    }
+    instances = {item for item in left if item.instance_collection is not None}
+    if left - instances:
+        yield f"Left where they are: {_listed(left - instances)}."
+    if inner := instances.difference(selected):
+        yield (
+            f"Instances of collections, left until you make them real (Object > Apply): "
+            f"{_listed(inner)}."
+        )
+    if fixed := characters.keys() - moved.keys():
+        yield (
+            f"Left in linked collections, which you can drag into the characters' collection: "
+            f"{_listed(fixed)}."
+        )
+
+
+def _given_notes(scene: bpy.types.Scene, top: bpy.types.Collection, moved: dict) -> Iterator[str]:
+    """Yield a sentence for each of the `moved` characters that has LODs of its own."""
+    for group in groups_in(scene, top):
+        if group.lods and not moved.keys().isdisjoint(group.members):
+            names = [_listed(lod.objects_with_faces()) for lod in group.lods]
+            yield f"LODs of {group.owner.name} that were given: {'; '.join(names)}."
+
+
+class CROWDLOD_OT_characters_from_selection(Reporting, bpy.types.Operator):
+    bl_description = (
+        "Move the selected rigs and meshes to the crowd's characters, a collection for each rig "
+        "with its meshes"
+    )
+    bl_idname = "crowd_lod.characters_from_selection"
+    bl_label = "Characters from Selection"
+
+    reading: EnumProperty(
+        name="Read As",
+        items=(
+            (
+                "LISTED",
+                "As Listed",
+                "A rig with its meshes, or loose parts that lie in one another",
+            ),
+            ("ONE", "One Character", "All that is selected together"),
+            ("EACH", "One Each", "Each rig with its meshes, and each other mesh alone"),
+        ),
+        default="LISTED",
+        description="What of the selection is a character",
+    )
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        cls.poll_message_set("Select the characters first: their rigs or meshes")
+        return any(
+            item.type in ("ARMATURE", "EMPTY", *GEOMETRY) for item in context.selected_objects
+        )
+
+    def invoke(self, context, event) -> set[str]:
+        return context.window_manager.invoke_props_dialog(self, width=420)
+
+    def draw(self, context) -> None:
+        self.layout.prop(self, "reading", expand=True)
+        lines = list(read_selection(context.scene, context.selected_objects, self.reading).lines())
+        for line in lines[:MOST_LINES]:
+            self.layout.label(text=line, translate=False)
+        if len(lines) > MOST_LINES:
+            self.layout.label(text=f"and {len(lines) - MOST_LINES} more", translate=False)
+
+    def run(self, context) -> str:
+        scene = context.scene
+        selected = context.selected_objects
+        top = scene.crowd_lod.characters
+        if top is not None and (top.library or top.override_library):
+            raise CrowdError(
+                f"The characters' collection {top.name} is linked from another file and cannot be "
+                f"added to: clear Characters first."
+            )
+        context.view_layer.update()  # a script may have moved something
+        reading = read_selection(scene, selected, self.reading)
+        moved = {
+            root: items
+            for root, items in reading.characters.items()
+            if not any(map(is_fixed, items))
+        }
+        notes = list(_notes(selected, reading.characters, moved))
+        if not moved and not reading.instanced:
+            raise CrowdError(
+                " ".join(["Nothing selected is a rig with meshes, or a mesh with faces.", *notes])
+            )
+        if top is None:
+            top = scene.crowd_lod.characters = bpy.data.collections.new("Characters")
+        if top not in scene.collection.children_recursive:
+            scene.collection.children.link(top)
+        first_crowd(scene.crowd_lod)
+        for root, items in moved.items():
+            home = _home(top, root)
+            for item in items:
+                _move(item, home, scene)
+        brought = [_bring(scene, top, *pair) for pair in reading.instanced.items()]
+        finest = [*(group.owner for group in Reading(moved, {}).groups()), *brought]
+        many = f"{len(finest)} characters" if len(finest) > 1 else "A character"
+        walks = [note for items in moved.values() for note in take_walks(scene, items)]
+        notes = [*walks, *_given_notes(scene, top, moved), *_instance_notes(reading), *notes]
+        return " ".join([f"{many} in the collection {top.name}: {_listed(finest)}.", *notes])
+
+
+CLASSES = (CROWDLOD_OT_characters_from_selection,)
