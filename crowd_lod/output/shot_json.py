@@ -1,4 +1,4 @@
-"""What plan.json tells of a shot plan, besides the scene: version 2."""
+"""What plan.json tells of a shot plan, besides the scene: version 3."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict

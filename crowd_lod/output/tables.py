@@ -15,7 +15,7 @@ from ..frame.frame import Frame
 from ..frame.hidden import hidden_wholly
 from ..shot.switches import NOTHING
 
-PLAN_VERSION = 2  # of plan.json
+PLAN_VERSION = 3  # of plan.json
 MOST_SWITCHES = 100  # that are looked at one after another
 SHEET = (24, 24, 24, 255)  # sRGB, between the pictures of a contact sheet
 

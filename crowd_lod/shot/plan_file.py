@@ -31,7 +31,7 @@ from ..npz_file import read_arrays
 from ..progress import check_cancelled
 from .phases import Phases
 
-VERSION = 3
+VERSION = 4
 NAME = "plan.npz"
 CAMERA_SIZE = 21  # numbers of a camera, see frame.planned.numbers_of
 AGAIN = "press Plan Shot again"

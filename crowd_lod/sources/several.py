@@ -212,7 +212,7 @@ class Several(Trajectory):
         names = ("", *self.names[1:])
         parts = [f"{name} {shown}".encode() for name, shown in zip(names, self.shown, strict=True)]
         parts += [data for member in self.members[1:] for data in member.digests().values()]
-        return self.members[0].digests() | {"a further crowd": b"\0".join(parts)}
+        return self.members[0].digests() | {"the other crowds": b"\0".join(parts)}
 
     def _gaits(self) -> Gaits:
         """Return the gaits at the paces of all members, one after the other."""

@@ -290,8 +290,8 @@ def camera_at(scene: bpy.types.Scene, time: float, at: At | None = None) -> tupl
     """Return the scene's cameras at `time`, as `read_cameras` gives them.
 
     time: in frames of the animation, see scene_data.time_of.
-    at: here and below, the value of an open frame_stepping.step_frames. Where the scene must not be
-        stepped (in a render, during playback), that of a frame_stepping.stage. None opens one of
+    at: here and below, the value of an open evaluation.step_frames. Where the scene must not be
+        stepped (in a render, during playback), that of a evaluation.stage. None opens one of
         them.
     """
     return cameras_at(scene, [time], at=at)[0]

@@ -62,19 +62,19 @@ def held_by(crowd: SceneCrowd, number: float, agents: Crowd) -> OpenShutter:
 
 
 def columns_of(
-    trajectory: Trajectory, crowd: Crowd, shown_crowd: OpenShutter, agents: np.ndarray, cast: Cast
+    trajectory: Trajectory, crowd: Crowd, held: OpenShutter, agents: np.ndarray, cast: Cast
 ) -> dict[str, np.ndarray]:
     """Return the point attributes of `agents` (m,) as they stand in `crowd`, by name.
 
     See `columns_by_bucket`.
     """
-    return columns_by_bucket(trajectory, crowd, shown_crowd, [agents], cast)[0]
+    return columns_by_bucket(trajectory, crowd, held, [agents], cast)[0]
 
 
 def columns_by_bucket(
     trajectory: Trajectory,
     crowd: Crowd,
-    shown_crowd: OpenShutter,
+    held: OpenShutter,
     buckets: Sequence[np.ndarray],
     cast: Cast,
 ) -> list[dict[str, np.ndarray]]:
@@ -85,13 +85,13 @@ def columns_by_bucket(
     position: meters, world space.
     heading, of agents on slopes also pitch and roll (see height_map.lean): radians.
     phase, group: those of the agent.
-    pose: which of the `cast`'s characters the agent shows, of the frame of `shown_crowd`.
+    pose: which of the `cast`'s characters the agent shows, of the frame of `held`.
     size: of agents of other sizes, how much more than 1 their scale is.
     looks: a number in [0, 1) per agent, by which materials may vary.
     id: the stable index of the agent; of what is worn, its wearer's.
     row: where agents wear something, the index in the crowd, which holds what they wear too.
 
-    An agent that comes back on the other side of the map between the frame of `shown_crowd` and
+    An agent that comes back on the other side of the map between the frame of `held` and
     `crowd` stays where it was: the blur would draw it across the whole picture.
     """
     # all are looked up together: few lookups, and not of few
@@ -102,25 +102,25 @@ def columns_by_bucket(
         return column.take(agents, mode="clip")  # several times as fast as column[agents]
 
     positions = np.empty((len(agents), 3), np.float32)
-    stays = trajectory.jumped(crowd, shown_crowd.crowd, agents)
+    stays = trajectory.jumped(crowd, held.crowd, agents)
     for axis, name in enumerate("xyz"):
         values = of(getattr(crowd, name))
         if stays is not None:
-            values = np.where(stays, of(getattr(shown_crowd.crowd, name)), values)
+            values = np.where(stays, of(getattr(held.crowd, name)), values)
         positions[:, axis] = values
-    seconds = trajectory.seconds(shown_crowd.time)
+    seconds = trajectory.seconds(held.time)
     columns = {
         "position": positions,
         "heading": of(crowd.heading),
-        "phase": trajectory.gaits.phase(shown_crowd.crowd, seconds, agents),
+        "phase": trajectory.gaits.phase(held.crowd, seconds, agents),
         "group": of(crowd.group).astype(np.int32),
         "looks": of(trajectory.looks),
         "id": ids,
     }
     if trajectory.wearer is not None:
         columns |= {"id": of(trajectory.wearer).astype(np.int32), "row": ids}
-    columns["pose"] = cast.character_of(trajectory.gaits, shown_crowd.crowd, seconds, agents)
-    scale = trajectory.scale(shown_crowd.crowd, agents)
+    columns["pose"] = cast.character_of(trajectory.gaits, held.crowd, seconds, agents)
+    scale = trajectory.scale(held.crowd, agents)
     if scale is not None:
         columns["size"] = scale - 1
     leaning = trajectory.tilt(crowd, agents)
@@ -142,7 +142,7 @@ def write(
     top: bpy.types.Collection,
     trajectory: Trajectory,
     frame: Frame,
-    shown_crowd: OpenShutter,
+    held: OpenShutter,
     crowd: Crowd,
 ) -> None:
     """Write the agents of the frame's buckets to the points of the build `top`.
@@ -160,7 +160,7 @@ def write(
     if not written_agents:
         return
     columns_of_buckets = columns_by_bucket(
-        trajectory, crowd, shown_crowd, list(written_agents.values()), cast
+        trajectory, crowd, held, list(written_agents.values()), cast
     )
     for bucket, columns in zip(written_agents, columns_of_buckets, strict=True):
         mesh_data.write_points(points[bucket].data, columns)
@@ -210,7 +210,7 @@ _rendering: dict[int, Rendering] = {}  # by the scene's session_uid
 _told: set[int] = set()
 # of each scene, why the frame shown last does not use the shot plan
 _unplanned: dict[int, str] = scene_cache.add_cache({}, by_scene=True)
-# The stepping.stage of a render in a file of several scenes, to be removed when it ends: Blender
+# The evaluation.stage of a render in a file of several scenes, to be removed when it ends: Blender
 # crashes where anything is removed while it renders scenes that compositing nodes show.
 _stages: list[bpy.types.Scene] = []
 

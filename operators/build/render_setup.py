@@ -45,8 +45,8 @@ from .visibility import unhide_characters
 # Custom properties of the build's collection.
 LOD_SIZES = "crowd_lod_lod_sizes"  # see lod_sizes
 POSED = "crowd_lod_posed"  # see Cast
-PLAYED = "crowd_lod_played"  # see played_by.numbers
-ACTIONS = "crowd_lod_actions"  # see played_by.actions
+PLAYED = "crowd_lod_played"  # see change_detection.played_numbers
+ACTIONS = "crowd_lod_actions"  # see change_detection.played_actions
 NOTES = "crowd_lod_notes"  # sentences on what the build does not show
 
 

@@ -89,11 +89,9 @@ def check_layers(scene: bpy.types.Scene, names: Sequence[str]) -> None:
             )
 
 
-HIDDEN = (
-    # custom property of the build's collection: the characters' collection, if the build hides it
-    # from renders
-    "crowd_lod_hidden"
-)
+# custom property of the build's collection: the characters' collection, if the build hides it from
+# renders
+HIDDEN = "crowd_lod_hidden"
 
 
 def hide_characters(scene: bpy.types.Scene) -> None:

@@ -222,7 +222,7 @@ def _cases_text(name: str, rows: ExtremeRows) -> str:
         "`surplus` were kept for nothing; `grazing` likewise, but within the roundings of a "
         "plane, where a quarter of the agents "
         "are put on purpose; `depth error` is the distance's as a part of the bound that "
-        "`levels.assign` states."
+        "`levels.assignment.assign` states."
     )
     behavior = (
         "A slow judge walks each agent cell by cell in rational arithmetic. `stand` are agents "

@@ -38,7 +38,7 @@ def read_surroundings(
     depsgraph: has evaluated the scene at `time`, or None.
     time: frames of the animation (see scene_data.time_of).
     times: in place of the shutter's times.
-    at: of an open frame_stepping.step_frames or frame_stepping.stage; a stage is opened if None.
+    at: of an open evaluation.step_frames or evaluation.stage; a stage is opened if None.
     """
     settings = scene.crowd_lod
     engine = scene.render.engine

@@ -135,8 +135,8 @@ def check_levels(crowd: SceneCrowd) -> None:
     settings = crowd.settings
     if settings.levels is None:
         raise CrowdError(
-            f"The scene {scene.name} has no LOD meshes: press Make LOD Meshes in the Levels of "
-            f"Detail panel."
+            f"The scene {scene.name} has no LOD meshes: press Make LOD Meshes in the panel "
+            f"LOD Meshes."
         )
     levels = settings.levels.children
     count = crowd.policy.count

@@ -18,8 +18,8 @@ from .level_settings import note_thresholds
 from .properties import ALL, property_of
 from .setting_changes import outdate
 
-# settings that say what the user looks at now: no preset holds them
-PASSING = {"overlay", "agent", "override_index", "use_shot_plan"}
+# what the user looks at now, and what a step found: no preset holds them
+PASSING = {"overlay", "agent", "override_index", "use_shot_plan", "use_crowd", "points_count"}
 
 
 def setting_names() -> list[str]:

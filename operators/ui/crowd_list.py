@@ -6,7 +6,7 @@ from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender.operator import Reporting
 from ..scene.sources.tracks_source import notes_on_frames
 from ..settings import needs
-from ..settings.crowds import active_crowd, add_crowd, index_of_active
+from ..settings.crowds import active_crowd, add_crowd, index_of_active, set_lengths
 from ..viewport import viewport_overlay
 from .drawing import active_column, button, label
 from .settings_list import Removing
@@ -41,6 +41,7 @@ class CROWDLOD_OT_add_crowd(Reporting, bpy.types.Operator):
 
     def run(self, context) -> str:
         settings = context.scene.crowd_lod
+        set_lengths(context.scene)
         before = active_crowd(settings)
         ground = None if before is None else ((*before.center,), (*before.size,))
         crowd = add_crowd(settings)

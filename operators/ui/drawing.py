@@ -33,7 +33,7 @@ def unregister() -> None:
 
 
 MOST_ROWS = 12  # of a table
-# Name and icon of each LOD's color in lod_meshes.level_objects.TINTS.
+# Name and icon of each LOD's color in lods.level_objects.TINTS.
 LOD_COLORS = (
     ("red", "STRIP_COLOR_01"),
     ("green", "STRIP_COLOR_04"),

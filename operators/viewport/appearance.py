@@ -29,26 +29,26 @@ def style_of(scene, levels: int) -> tuple[Style, tuple[SkinnedCharacter, ...], t
     if style.mode != "MESHES" and not style.materials:
         return style, (), ()
     points = replace(style, mode="POINTS") if style.mode == "MESHES" else style
-    baked = character_cache.baked_of(scene)
-    if baked is None:
+    read = character_cache.read_characters_of(scene)
+    if read is None:
         return (
             points,
             (),
             ("Press Make LOD Meshes in the LOD Meshes panel to see the characters.",),
         )
-    if not baked.ready:
+    if not read.ready:
         return (
             points,
             (),
-            (f"The characters are being read for the overlay: {baked.progress:.0%}.",),
+            (f"The characters are being read for the overlay: {read.progress:.0%}.",),
         )
-    fits = [character.name for character in baked.characters] == [
+    fits = [character.name for character in read.characters] == [
         group.name for group in settings.groups
     ]
-    if fits and all(len(character.meshes) >= levels for character in baked.characters):
-        return style, baked.characters, baked.notes
+    if fits and all(len(character.meshes) >= levels for character in read.characters):
+        return style, read.characters, read.notes
     misfit = "The LOD meshes do not fit the settings: press Make LOD Meshes to see the characters."
-    return points, (), baked.notes or (misfit,)
+    return points, (), read.notes or (misfit,)
 
 
 def bodies_of(groups, style: Style, characters: tuple[SkinnedCharacter, ...]) -> GpuBodies | None:

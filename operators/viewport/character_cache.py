@@ -28,8 +28,8 @@ from .skinned_characters import SkinnedCharacter, bake_character
 
 
 @dataclass
-class BakedCharacters:
-    """A scene's characters, baked or being baked.
+class ReadCharacters:
+    """A scene's characters, read or being read.
 
     key: digest of everything they are baked from.
     painted: checksum of the pixels of their images.
@@ -60,33 +60,33 @@ class BakedCharacters:
 
 
 WAIT = 0.2  # seconds until bake_some looks again whether a step is at work
-_baked: dict[int, BakedCharacters] = scene_cache.add_cache({}, by_scene=True)
+_read: dict[int, ReadCharacters] = scene_cache.add_cache({}, by_scene=True)
 
 
-def baked_of(scene: bpy.types.Scene) -> BakedCharacters | None:
+def read_characters_of(scene: bpy.types.Scene) -> ReadCharacters | None:
     """Return the characters of the scene's LOD meshes, or None without LOD meshes.
 
     If they are not baked yet, a timer starts to bake them.
     """
     levels = scene.crowd_lod.levels
     if levels is None or not levels.children or not levels.children[0].children:
-        _baked.pop(scene.session_uid, None)
+        _read.pop(scene.session_uid, None)
         return None
-    baked = _baked.get(scene.session_uid)
+    read = _read.get(scene.session_uid)
     now = clock.monotonic()
-    if baked is None or now > baked.looked + LOOK_AGAIN:
+    if read is None or now > read.looked + LOOK_AGAIN:
         if not is_known(scene):
-            return baked
+            return read
         key, appearance = cache_key(scene)
         # reading pixels takes milliseconds
-        reads_images = baked is None or scene.crowd_lod.overlay_color == "MATERIAL"
-        painted = _painted(appearance.sources) if reads_images else baked.painted
-        if baked is None or (baked.key, baked.painted) != (key, painted):
-            baked = _baked[scene.session_uid] = BakedCharacters(key, painted, now)
-        baked.looked = now
-    if not baked.ready and not bpy.app.timers.is_registered(bake_some):
+        reads_images = read is None or scene.crowd_lod.overlay_color == "MATERIAL"
+        painted = _painted(appearance.sources) if reads_images else read.painted
+        if read is None or (read.key, read.painted) != (key, painted):
+            read = _read[scene.session_uid] = ReadCharacters(key, painted, now)
+        read.looked = now
+    if not read.ready and not bpy.app.timers.is_registered(bake_some):
         bpy.app.timers.register(bake_some)
-    return baked
+    return read
 
 
 def read(scene: bpy.types.Scene) -> Iterator[float]:
@@ -95,17 +95,17 @@ def read(scene: bpy.types.Scene) -> Iterator[float]:
     Call it outside drawing.
     """
     key, looks = cache_key(scene)
-    baked = _baked[scene.session_uid] = BakedCharacters(
+    read = _read[scene.session_uid] = ReadCharacters(
         key, _painted(looks.sources), clock.monotonic()
     )
-    while not baked.ready:
-        _bake_on(scene, baked)
-        yield baked.progress
+    while not read.ready:
+        _bake_on(scene, read)
+        yield read.progress
 
 
 def drop(scene: bpy.types.Scene) -> None:
     """Drop the scene's baked characters."""
-    _baked.pop(scene.session_uid, None)
+    _read.pop(scene.session_uid, None)
 
 
 @guard
@@ -118,8 +118,8 @@ def bake_some() -> float | None:
     if at_work():
         return WAIT
     for scene in bpy.data.scenes:
-        baked = _baked.get(scene.session_uid)
-        if baked is not None and not baked.ready:
+        read = _read.get(scene.session_uid)
+        if read is not None and not read.ready:
             try:
                 for group in scene.crowd_lod.groups:
                     actions_named(scene, group.name)
@@ -127,44 +127,44 @@ def bake_some() -> float | None:
                 # The state machine has an error, which the overlay shows. Once it is mended, the
                 # next drawing starts this timer again.
                 continue
-            _bake_on(scene, baked)
+            _bake_on(scene, read)
             sidebars.redraw_viewports()
             return 0.0
     return None
 
 
-def _bake_on(scene: bpy.types.Scene, baked: BakedCharacters) -> None:
+def _bake_on(scene: bpy.types.Scene, read: ReadCharacters) -> None:
     """Bake some frames of the next character."""
     levels = scene.crowd_lod.levels
     counts = set() if levels is None else {len(level.children) for level in levels.children}
-    number = len(baked.characters)
+    number = len(read.characters)
     of = max(counts, default=0)
     if len(counts) != 1 or number >= of:  # the user has put collections in, or taken them out
-        baked.characters = ()
-        baked.ready = True
+        read.characters = ()
+        read.ready = True
         return
     groups = scene.crowd_lod.groups
     home = levels.children[0].children[number]
     name = home.get(GROUP) or (groups[number].name if number < len(groups) else home.name)
     try:
         find = partial(_homes, scene.session_uid, number)
-        if baked.baking is None:
-            baked.work.announce(of - number)
+        if read.baking is None:
+            read.work.announce(of - number)
             baking = bake_character(name, find, actions_named(scene, name))
-            baked.baking = baked.work.take(baking, 1)
-        baked.progress = next(baked.baking)
+            read.baking = read.work.take(baking, 1)
+        read.progress = next(read.baking)
     except StopIteration as end:
-        baked.characters += (end.value,)
-        baked.notes += (end.value.note,) if end.value.note else ()
-        baked.baking = None
-        baked.ready = number + 1 == of
+        read.characters += (end.value,)
+        read.notes += (end.value.note,) if end.value.note else ()
+        read.baking = None
+        read.ready = number + 1 == of
     except (
         CrowdError
     ) as error:  # what the user can mend, such as a state that names no action of the file
-        baked.give_up(str(error))
+        read.give_up(str(error))
     except Exception as error:
         traceback.print_exc()
-        baked.give_up(
+        read.give_up(
             f"The overlay cannot draw the LOD meshes of {name} ({error}): see the console for "
             f"details."
         )

@@ -74,7 +74,7 @@ def open_shutter(scene, time: float, eyes: tuple[Camera, ...]) -> tuple:
     alone shows once the frame or the camera changes.
     Reading other times needs a temporary scene, which must not be made while Blender draws. So a
     timer reads them and redraws the viewport. The frame after that takes long (see
-    frame_stepping.stage), so frames that pass quickly are shown without an open shutter.
+    evaluation.stage), so frames that pass quickly are shown without an open shutter.
     """
     render = scene.render
     if not render.use_motion_blur:

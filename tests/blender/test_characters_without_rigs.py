@@ -100,11 +100,11 @@ def test_why_a_character_is_posed_is_said(scene, why):
         ball.vertex_groups.new(name="bone").add(range(40), 1.0, "REPLACE")
         ball.modifiers.new("rig", "ARMATURE").object = rig
     props(scene, ball)
-    cast = finished(make_characters(read_crowd(scene)))
-    said = render_setup.notes_on_built(read_crowd(scene), cast)
-    assert list(cast.posed) == [POSES] and why in said.lower()
+    built = finished(make_characters(read_crowd(scene)))
+    said = render_setup.notes_on_built(read_crowd(scene), built)
+    assert list(built.posed) == [POSES] and why in said.lower()
     assert "each of which stands for 0.75 frames (0.0312 s) of its action" in said
-    bpy.data.batch_remove(list(cast.names))
+    bpy.data.batch_remove(list(built.names))
 
 
 def test_bones_that_shear_are_shown_as_near_as_can_be_and_it_is_said(scene):

@@ -116,8 +116,8 @@ def test_lods_that_fit_in_memory_are_built_and_the_others_are_not(scene, tmp_pat
     list(make_levels(scene))
     finest = scene_crowd.policy_of(settings).finest
     assert settings.memory_tolerance > 0.2 and max(finest) > 0
-    cast = finished(render_setup.build(read_crowd(scene)))
-    assert "LODs deviate by up to" in render_setup.notes_on_built(read_crowd(scene), cast)
+    built = finished(render_setup.build(read_crowd(scene)))
+    assert "LODs deviate by up to" in render_setup.notes_on_built(read_crowd(scene), built)
     frame = frame_now(scene, bpy.context.evaluated_depsgraph_get())
     assert all(
         (frame.levels[frame.crowd.group == g] >= least).all() for g, least in enumerate(finest)

@@ -99,8 +99,8 @@ def test_lods_of_characters_that_were_edited_are_to_be_made_again_and_those_that
     )
     assert changed_since_build(scene) == ["the character adult"]
     crowd = read_crowd(scene)
-    cast = finished(render_setup.build(crowd))
-    assert "the character adult changed" in render_setup.notes_on_built(crowd, cast)
+    built = finished(render_setup.build(crowd))
+    assert "the character adult changed" in render_setup.notes_on_built(crowd, built)
     list(make_levels(scene))
     assert not told_of(scene)
     mesh.modifiers.new("Thicker", "SOLIDIFY")

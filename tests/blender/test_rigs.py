@@ -94,8 +94,8 @@ def worst(scene, frame, agents=4):
 
 
 def test_agents_show_the_character_at_their_phase(built):
-    cast = built.crowd_lod.build[render_setup.POSED]
-    assert list(cast) == [0, 0]  # rigs show both
+    posed = built.crowd_lod.build[render_setup.POSED]
+    assert list(posed) == [0, 0]  # rigs show both
     for time in (1, 7, 40.5, 200):
         built.frame_set(int(time), subframe=time % 1)
         assert worst(built, time) < 3e-4, time

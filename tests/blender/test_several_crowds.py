@@ -73,5 +73,5 @@ def test_a_plan_of_the_shot_holds_all_crowds_and_is_told_when_one_changes(two, t
     assert frame.planned and len(frame.plan_row) == 340
     settings.crowds[1].seed += 1
     frame = frame_at(two, bpy.context.evaluated_depsgraph_get(), 2)
-    assert not frame.planned and "a further crowd" in frame.unplanned
+    assert not frame.planned and "the other crowds" in frame.unplanned
     assert np.isfinite(frame.crowd.x).all()

@@ -76,8 +76,8 @@ def test_build_and_bake_show_the_plan(zoomed, tmp_path):
     live = levels_of_points(zoomed, lambda ids, frames: ids)
     row = stored.row(5, zoomed.crowd_lod.count) & LEVEL
     assert live and all(row[agent] == level for agent, level in live.items())
-    cast = finished(bake.bake(zoomed, FRAMES))
-    assert not any("shot plan" in note for note in cast.notes)
+    built = finished(bake.bake(zoomed, FRAMES))
+    assert not any("shot plan" in note for note in built.notes)
     baked = levels_of_points(zoomed, lambda ids, frames: zip(frames, ids, strict=True))
     assert {frame for frame, _ in baked} == set(FRAMES)
     rows = {
@@ -90,13 +90,13 @@ def test_a_live_build_holds_what_its_plan_shows(zoomed, tmp_path):
     finished(render_setup.build(read_crowd(zoomed)))
     everything = len(meshes_in(zoomed))
     planned(zoomed, tmp_path / "plan")
-    cast = finished(render_setup.build(read_crowd(zoomed)))
+    built = finished(render_setup.build(read_crowd(zoomed)))
     assert len(meshes_in(zoomed)) < everything / 2
     live = {number: instances_at(zoomed, number) for number in (1, 6, 12)}
     after = instances_at(zoomed, 30)  # beyond the plan
     lods = levels_of(frame_at(zoomed, 30))
     again = finished(render_setup.build(read_crowd(zoomed)))
-    assert again.collections == [] != cast.collections  # it stays
+    assert again.collections == [] != built.collections  # it stays
     finished(bake.bake(zoomed, FRAMES))
     assert all(live.values()) and live == {n: instances_at(zoomed, n) for n in live}
     # nobody is missing there, and nobody is coarser than it may be

@@ -92,7 +92,7 @@ def test_parts_are_agents_who_do_what_their_wearers_do(dressed):
     assert np.array_equal(again.x[again.group == cap], crowd.x[crowd.group == cap])
 
 
-def test_what_is_worn_follows_overrides_points_and_further_crowds(dressed):
+def test_what_is_worn_follows_overrides_points_and_other_crowds(dressed):
     scene = dressed
     settings = scene.crowd_lod
     settings.count = 200

@@ -240,13 +240,13 @@ def _describe_build(proved: ProvedBuild, rows: list[dict]) -> dict[str, Any]:
     return {"kind": proved.kind, "older_than": changed, "hidden": proved.hidden}
 
 
-PICTURE = "Crowd LOD Proof"
+PROOF_IMAGE = "Crowd LOD Proof"
 
 
 def _show_agents(path: Path) -> None:
-    """Keep the picture of the worst agents in the file as the image PICTURE, for the Image Editor."""
-    image = bpy.data.images.get(PICTURE) or bpy.data.images.load(str(path))
-    image.name = PICTURE
+    """Keep the picture of the worst agents in the file as the image PROOF_IMAGE, for the Image Editor."""
+    image = bpy.data.images.get(PROOF_IMAGE) or bpy.data.images.load(str(path))
+    image.name = PROOF_IMAGE
     image.use_fake_user = True  # nothing else uses it
     if image.packed_file is not None:
         image.unpack(method="REMOVE")
@@ -286,7 +286,7 @@ class CROWDLOD_OT_verify(Stepwise, bpy.types.Operator):
 
 
 def _no_proof(scene: bpy.types.Scene) -> str:
-    return "" if PICTURE in bpy.data.images else "There is no proof yet: press Verify"
+    return "" if PROOF_IMAGE in bpy.data.images else "There is no proof yet: press Verify"
 
 
 class CROWDLOD_OT_show_proof(Reporting, bpy.types.Operator):
@@ -298,8 +298,8 @@ class CROWDLOD_OT_show_proof(Reporting, bpy.types.Operator):
     needs = (_no_proof,)
 
     def run(self, context) -> str:
-        show_image(PICTURE)
-        return f"A window shows the image {PICTURE}."
+        show_image(PROOF_IMAGE)
+        return f"A window shows the image {PROOF_IMAGE}."
 
 
 CLASSES = (CROWDLOD_OT_verify, CROWDLOD_OT_show_proof)

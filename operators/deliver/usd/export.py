@@ -205,15 +205,15 @@ def _instances(
     for number, plan in plans.items():
         time = scene_data.remap(scene.render, number)
         yield from work.take(approach(trajectory, time), 9)
-        crowd_held = held_by(crowd, number, trajectory.at(time))
-        columns = columns_of(trajectory, crowd_held.crowd, crowd_held, agents, cast)
+        held = held_by(crowd, number, trajectory.at(time))
+        columns = columns_of(trajectory, held.crowd, held, agents, cast)
         level = np.zeros(len(agents), np.float32)
         lean = [columns.get(name, level) for name in ("pitch", "roll")]
         prototype, hidden = instances.at(plan)
         velocity = None
-        for part, agents_then in crowd_held.ends:
+        for part, agents_then in held.ends:
             if part:  # the later one counts
-                then = columns_of(trajectory, agents_then, crowd_held, agents, cast)["position"]
+                then = columns_of(trajectory, agents_then, held, agents, cast)["position"]
                 velocity = (then - columns["position"]) * np.float32(speed / part)
         file.agents(
             number,

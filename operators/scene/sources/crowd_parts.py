@@ -66,8 +66,9 @@ def _line(each) -> str:
 
 def _ground_parts(scene: bpy.types.Scene) -> dict[str, str]:
     parts = {}
-    for number, crowd in enumerate(crowds_of(scene.crowd_lod), start=1):
-        whose = f" of crowd {number}" if number > 1 else ""
+    crowds = crowds_of(scene.crowd_lod)
+    for crowd in crowds:
+        whose = f" of {crowd.name}" if len(crowds) > 1 else ""
         parts[f"the terrain{whose}"] = terrain_digest(crowd)
         parts[f"the spawn places{whose}"] = places_digest(crowd)
     return {name: digest for name, digest in parts.items() if digest}
