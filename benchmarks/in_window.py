@@ -14,7 +14,7 @@ def overlay() -> ModuleType:
     return next(
         module
         for name, module in sys.modules.items()
-        if name.endswith(".operators.overlay.viewport_overlay")
+        if name.endswith(".operators.viewport.viewport_overlay")
     )
 
 

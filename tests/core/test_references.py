@@ -21,6 +21,7 @@ PAGES = [
 ]
 FILE = re.compile(r"(?<![\w/<*.~-])((?:\w+/)*\w+\.py)\b")
 MEMBER = re.compile(r"(?<![\w./])([a-z]\w+)\.([A-Za-z_]\w+)(?![\w/]|\.\w)")
+OURS = re.compile(r"""(?:}|extension|")\.((?:crowd_lod|operators)(?:\.[a-z]\w*)+)""")
 QUOTED = re.compile(r"(?<!`)`([A-Za-z_]\w+)(?:\(\))?`(?!`)")
 ENDINGS = {"py", "md", "json", "csv", "npz", "blend", "html", "png", "toml", "txt", "usdc", "usda"}
 EXAMPLES = {"tests/core/test_tiny_agents.py", "crowd_lod/culling/tiny_agents.py"}  # CONTRIBUTING
@@ -120,4 +121,17 @@ def test_identifiers_that_docstrings_quote_exist():
         for name in QUOTED.findall(text)
         if name not in known
     ]
+    assert lost == []
+
+
+def test_modules_that_texts_of_code_name_exist():
+    """Such as `sys.modules[f"{MODULE}.operators.blender.steps"].at_work()`."""
+    lost = []
+    for path in SOURCES:
+        for dotted in OURS.findall(path.read_text(encoding="utf-8")):
+            place = ROOT.joinpath(*dotted.split("."))
+            if not (place.is_dir() or place.with_suffix(".py").is_file()):
+                # the last word may be a member of the module
+                if not place.parent.with_suffix(".py").is_file():
+                    lost.append((str(path.relative_to(ROOT)), dotted))
     assert lost == []

@@ -40,7 +40,7 @@ def session():
     """Yields the seconds to wait before going on."""
     sys.modules[
         f"{robot.MODULE}.operators.ui.step_panel"
-    ].Step.bl_options = set()  # all open: what is closed is not drawn
+    ].StepPanel.bl_options = set()  # all open: what is closed is not drawn
     robot.toggle()
     yield from saved(str(FOLDER / "panels.blend"), str(FOLDER / "panels_files"))
     (FOLDER / "garbage.npz").write_text("no plan")

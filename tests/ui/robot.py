@@ -101,12 +101,12 @@ def settings():
 
 def overlay():
     """The extension's module."""
-    return sys.modules[f"{MODULE}.operators.overlay.viewport_overlay"]
+    return sys.modules[f"{MODULE}.operators.viewport.viewport_overlay"]
 
 
 def display():
     """The module that makes what a viewport shows."""
-    return sys.modules[f"{MODULE}.operators.overlay.display"]
+    return sys.modules[f"{MODULE}.operators.viewport.display"]
 
 
 def count_displays() -> int:

@@ -133,9 +133,9 @@ def verdict() -> str:
 
 def lacks(operator: str) -> list:
     """What the panel Hand Over says that an output needs."""
-    return sys.modules[f"{robot.MODULE}.operators.hand_over.lacks"].lacks_of(scene(), operator)
+    return sys.modules[f"{robot.MODULE}.operators.deliver.hand_over"].lacks_of(scene(), operator)
 
 
 def due() -> dict:
     """The steps that Update All would do."""
-    return sys.modules[f"{robot.MODULE}.operators.runs.update_all"].due_steps(scene())
+    return sys.modules[f"{robot.MODULE}.operators.deliver.update_all"].due_steps(scene())
