@@ -74,7 +74,7 @@ def test_preview_of_a_file_leaves_pictures_table_and_plan(tmp_path, capfd):
         assert 0 < n["vertices"] < n["full_vertices"] and 0 < n["triangles"] < n["full_triangles"]
         assert n["culling_ms"] > 0
     plan = json.loads((out / "plan.json").read_text())
-    assert plan["version"] == 2 and plan["preview"]["frames"] == [1, 60]
+    assert plan["version"] == 3 and plan["preview"]["frames"] == [1, 60]
     assert plan["crowd"]["count"] == 4096 and plan["crowd"]["seed"] == 9
     assert {"stage", "reason", "ms_saved", "ms_spread"} == set(plan["left_out"][0])
     assert any(

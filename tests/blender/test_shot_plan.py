@@ -292,7 +292,7 @@ def test_a_plan_that_is_switched_off_takes_distances_again(zoomed, tmp_path):
 def test_preview_plans_first(zoomed, tmp_path):
     wanted = Preview(frames=[1, 6, 12], folder=tmp_path / "preview", width=64)
     plan = finished(preview(zoomed, wanted, []))
-    assert plan["version"] == 2 and plan["shot"]["frames"] == list(FRAMES)
+    assert plan["version"] == 3 and plan["shot"]["frames"] == list(FRAMES)
     assert "shot plan" in (tmp_path / "preview" / "report.html").read_text()
     stored = plan_file.read(tmp_path / "preview" / "plan.npz")
     for row in plan["frames"]:
