@@ -27,6 +27,7 @@ FOLDER = Path(FOLDER)
 PICTURES = "1_start 2_characters 3_crowd 4_lods 5_plan 6_build 7_verified".split()
 WIDE = 1000  # pixels of a picture
 WIDEST_ICON = 30  # pixels; a blue button is wider, a switch that is on is not
+WIDEST_BUTTON = 0.45  # of the sidebar's width, in a panel's header
 results = {"pressed": [], "after": {}}
 
 
@@ -153,14 +154,19 @@ def confirm():
 
 
 def blue_button(seen: np.ndarray) -> tuple[int, int]:
-    """Where the topmost button is that is drawn as the default one, near its upper left end: in the
-    window, from below.
+    """Where the topmost button of a panel's header is that is drawn as the default one, near its
+    upper left end: in the window, from below. The list's active crowd is as blue, and wider.
     """
     region = robot.sidebar(robot.view_3d())
     blue = bpy.context.preferences.themes[0].user_interface.wcol_tool.inner_sel[:3]
     part = seen[region.y : region.y + region.height, region.x : region.x + region.width, :3]
     near = np.abs(part - blue).max(axis=2) < 0.03
-    row = np.flatnonzero(near.sum(axis=1) > WIDEST_ICON)[-1] - 3
+    columns = np.arange(near.shape[1])
+    span = np.where(near, columns, -1).max(axis=1) - np.where(near, columns, len(columns)).min(
+        axis=1
+    )
+    is_button = (near.sum(axis=1) > WIDEST_ICON) & (span < WIDEST_BUTTON * len(columns))
+    row = np.flatnonzero(is_button)[-1] - 3
     return int(region.x + np.flatnonzero(near[row])[0] + 4), int(region.y + row)
 
 
