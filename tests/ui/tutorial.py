@@ -26,6 +26,7 @@ FOLDER, *FOR_PAGE = sys.argv[sys.argv.index("--") + 1 :]
 FOLDER = Path(FOLDER)
 PICTURES = "1_start 2_characters 3_crowd 4_lods 5_plan 6_build 7_verified".split()
 WIDE = 1000  # pixels of a picture
+REST = 10.0  # seconds before one for the page: the overlay reads the characters meanwhile
 WIDEST_ICON = 30  # pixels; a blue button is wider, a switch that is on is not
 WIDEST_BUTTON = 0.45  # of the sidebar's width, in a panel's header
 results = {"pressed": [], "after": {}}
@@ -175,7 +176,7 @@ def picture(name: str):
 
     Returns all of the window: (height, width, 4) of 0 to 1, from below.
     """
-    yield from robot.drawn(1.0)
+    yield from robot.drawn(REST if FOR_PAGE else 1.0)
     yield from robot.picture("window")
     image = bpy.data.images.load(str(FOLDER / "window.png"))
     seen = np.empty((image.size[1], image.size[0], 4), np.float32)
