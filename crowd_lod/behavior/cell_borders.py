@@ -81,10 +81,9 @@ def on_border(walkers: Walkers, world: LabelMap, edge: str) -> np.ndarray:
 
     With the edge policy "clamp" the map's own border does not count.
     """
-    place = walkers.place
     border = _borders(walkers, world)
-    rounding = 4 * np.spacing(np.abs(border.at) + np.abs(place))
-    touches = (np.abs(border.at - place) <= rounding) & (border.way != 0)
+    apart = np.abs(border.at - walkers.place)
+    touches = (apart <= world.rounding) & (border.way != 0)
     if edge == "clamp":
         touches &= ~border.out
     return touches.any(axis=0)

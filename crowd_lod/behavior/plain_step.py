@@ -158,7 +158,6 @@ class _Way:
         self.pieces_left = np.full(len(crowd), float(self.patience))
         self.pieces_in_place = np.zeros(len(crowd), np.intp)
         self.mark = np.full(len(crowd), -1)
-        self.rounding = 4 * np.spacing(np.abs(area.bounds).max())
         self.stuck = np.zeros(len(crowd), bool)
         self.reads = 0
         self.pieces = 0
@@ -320,13 +319,16 @@ class _Way:
 
         The table leads them round and round in next to no time: they never leave the place. Each
         agent's condition is compared with the one it had 1, 2, 4, 8 ... pieces ago (Brent 1980).
+        Who goes on at the other side of the map has left the place.
 
         on: (j,) intp, which of those on their way have time left.
         """
         machine = self.machine
         span = piece.span[on]
-        moved = np.abs(piece.walkers.velocity.take(on, 1)).max(axis=0) * span
-        in_place = (moved <= self.rounding) & (PIECES * span < self.rest[on])
+        walked = np.abs(piece.walkers.velocity.take(on, 1)).max(axis=0) * span
+        moved = np.abs(piece.to.take(on, 1) - piece.walkers.place.take(on, 1)).max(axis=0)
+        stays = np.maximum(walked, moved) <= self.world.rounding
+        in_place = stays & (PIECES * span < self.rest[on])
         column, row = self.cell.take(on, 1)
         agents = self.indices(on)
         condition = (row * self.world.labels.shape[1] + column) * len(machine.states)

@@ -85,6 +85,11 @@ class LabelMap:
         return width / columns, depth / rows
 
     @cached_property
+    def rounding(self) -> float:
+        """Meters by which a place on a border may miss it: borders are counted from the area's."""
+        return 4 * float(np.spacing(np.abs(self.area.bounds).max()))
+
+    @cached_property
     def runs(self) -> np.ndarray:
         """How many cells of the same label follow each cell without a gap, 255 at most.
 

@@ -1,8 +1,9 @@
-import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behavior.exact_walk import trouble, walk
+from crowd_lod_extension.crowd_lod.behavior.plain_step import advance
 from crowd_lod_extension.crowd_lod.behavior.step import step
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.message_words import lines_of
@@ -14,6 +15,7 @@ from crowd_lod_extension.crowd_lod.validation.convergence import (
 from crowd_lod_extension.crowd_lod.validation.exact_behavior import follow_exactly
 from crowd_lod_extension.crowd_lod.world.first_frame import populate
 from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap, edge_map
+from crowd_lod_extension.sample_scenes import plaza_map
 
 from ..support.crowds import crowd_at
 from ..support.machines import TO_AND_FRO, machine_of, random_machine, random_world
@@ -143,7 +145,7 @@ def test_agents_stuck_at_the_edge_or_on_a_label_are_found_and_those_at_rest_are_
     world = LabelMap(labels, Area(0, 0, 4, 4))
     crowd = crowd_at([(0.5, 0.5, 0), (0.2, 0.7, 0), (0.5, 1.5, 0), (0.5, 2.5, 0), (0.5, 3.5, 0)])
     waits = np.array([np.inf] * 4 + [500.0])
-    crowd = dataclasses.replace(crowd, state=np.array([0, 0, 0, 0, 2], np.uint8), wait=waits)
+    crowd = replace(crowd, state=np.array([0, 0, 0, 0, 2], np.uint8), wait=waits)
     (found,) = trouble(crowd, machine, world)
     assert found.kind == "stuck" and found.agents.tolist() == [0, 1, 2]
     assert (
@@ -178,8 +180,39 @@ def test_a_table_that_turns_at_each_read_has_no_limit_and_convergence_says_so():
         np.repeat([[1] * 2 + [0] * 18], 20, axis=0).astype(np.uint8), Area(0, 0, 20, 20)
     )
     x, y = np.random.default_rng(0).uniform((3, 2), (5, 6), (300, 2)).T
-    crowd = dataclasses.replace(
-        crowd_at(np.stack([x, y, 0 * x], axis=1)), state=np.ones(300, np.uint8)
-    )
+    crowd = replace(crowd_at(np.stack([x, y, 0 * x], axis=1)), state=np.ones(300, np.uint8))
     found = against_the_judge(crowd, machine, world, 10.0, (50, 200, 800))
     assert (found.apart > 0.2).all()
+
+
+@pytest.mark.parametrize("seconds", [4.0, 20.0])
+def test_on_the_plaza_s_large_map_nobody_misses_a_border(seconds):
+    machine = load_preset("plaza")
+    world = plaza_map.plan(machine)
+    crowd = populate(2000, 1, 3, machine, world)
+    moved, chatters = walk(crowd, machine, world, seconds)
+    truth = follow_exactly(crowd, machine, world, seconds, limit=True)
+    assert not truth.unknown.any() and (chatters == truth.chatters).all()
+    np.testing.assert_allclose(moved.x, truth.x, atol=1e-10)
+    np.testing.assert_allclose(moved.y, truth.y, atol=1e-10)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 8), (8, 1), (8, 8)])
+@pytest.mark.parametrize("velocity", [(1.0, 0.0), (1.0, 1.0), (0.0, -1.0), (-1.0, 0.3)])
+@pytest.mark.parametrize("seconds", [1 / 24, 1.0, 10.0])
+@pytest.mark.parametrize("steps", ["exact", "plain"])
+def test_whoever_stands_on_a_border_or_corner_wraps_around(shape, velocity, seconds, steps):
+    machine = load_preset("chapter")
+    machine = replace(
+        machine, edge="wrap", velocity=np.broadcast_to(velocity, machine.velocity.shape)
+    )
+    world = LabelMap(np.zeros(shape, np.uint8), Area(0.1, 0.3, 1.7, 1.1))
+    crowd = populate(81, 1, 3, machine, world)
+    row, column = np.divmod(np.arange(81), 9)
+    crowd = replace(crowd, x=0.1 + column / 8 * 1.6, y=0.3 + row / 8 * 0.8)
+    moved, tally = advance(crowd, machine, world, seconds, exact=steps == "exact")
+    truth = follow_exactly(crowd, machine, world, seconds, limit=steps == "exact")
+    assert not tally.stuck.any() and not truth.chatters.any()
+    for now, place, size in ((moved.x, truth.x, 1.6), (moved.y, truth.y, 0.8)):
+        apart = np.abs(now - place)  # to and fro over the map's border by rounding
+        assert np.minimum(apart, size - apart).max() < 1e-12
