@@ -20,7 +20,7 @@ from ..world.maps import Area, LabelMap
 from ..world.needless import needless, needless_of_places
 from ..world.terrain import Ground, Terrain
 from .plain_step import look_up_paces
-from .step import Steps
+from .step import step
 
 # Bytes of the crowds that a walk keeps to go back to, beyond which it keeps fewer.
 MOST_KEPT = 2**30
@@ -99,8 +99,6 @@ class Walk(Trajectory):
         self._looks_back = False
         # of a crowd that stands still: its x, and the ground's z there
         self._ground: tuple[np.ndarray, np.ndarray] | None = None
-        row = self.seconds_per_frame if self.leave else None
-        self._steps = Steps(self.machine, self.world, row)
         self._regrouped: Walk | None = None  # the last that was asked for
 
     def _place_start(self) -> None:
@@ -179,15 +177,11 @@ class Walk(Trajectory):
         return self._on_ground(self._at_whole(frame) if crowd is None else crowd)
 
     def leaving(self, leave: frozenset[LeftOut], time: float) -> "Walk":
-        """Return the same crowd from `time` on, a whole frame, with only `leave` left out.
-
-        It looks no step ahead, which would be work for later frames: each step is made by itself.
-        """
+        """Return the same crowd from `time` on, a whole frame, with only `leave` left out."""
         start = self._at_whole(int(max(time - self.first_frame, 0)))
         start = self._on_ground(start) if self.seated else start
         walk = replace(self, start=start, leave=leave, first_frame=int(time))
         walk.left_out = leave & self.left_out  # of the whole shot, not of what is still to come
-        walk._steps = Steps(self.machine, self.world)
         return walk
 
     @cached_property
@@ -284,7 +278,7 @@ class Walk(Trajectory):
         # the first step takes who stands off the map onto it
         if STILL in self.left_out and crowd is not self._first:
             return crowd
-        moved = self._steps.after(crowd, frames * self.seconds_per_frame)
+        moved = step(crowd, self.machine, self.world, frames * self.seconds_per_frame)
         moved = self.gaits.continue_phases(
             crowd, moved, self.seconds(self.first_frame + since + frames)
         )

@@ -153,11 +153,11 @@ def test_a_class_name_means_one_thing():
 
 
 def test_behavior_has_one_door():
-    """Only `step` knows the fast paths of a step; `lookahead` uses the tables of the other."""
+    """Only `step` knows the fast path of a step, and what follows a step."""
     behavior = ROOT / "crowd_lod" / "behavior"
-    fast = {behavior / f"{name}.py" for name in ("tabulated_step", "lookahead", "fading")}
+    fast = {behavior / f"{name}.py" for name in ("tabulated_step", "fading")}
     knowing = {path for *_, path in modules() if fast & set(imported(path))}
-    assert knowing == {behavior / "step.py", behavior / "lookahead.py"}
+    assert knowing == {behavior / "step.py"}
 
 
 @pytest.mark.parametrize("folder", ["crowd_lod", "operators", "sample_scenes"])

@@ -251,3 +251,25 @@ def test_squares_of_one_label_are_those_of_trying_each(shape):
                 and (labels[low : low + size, left : left + size] == labels[row, column]).all()
             )
         assert squares[up, right, row, column] == sum(sizes)
+
+
+@pytest.mark.parametrize("shape", [(7, 9), (1, 64), (5, 1), (3, 600)])
+def test_runs_are_those_of_a_walk_from_cell_to_cell(shape):
+    labels = (np.random.default_rng(1).random(shape) < 0.1).astype(np.uint8)
+    runs = LabelMap(labels, Area(0, 0, 10, 10)).runs.reshape(2, 2, *shape)
+    for axis, (down, right) in enumerate([(0, 1), (1, 0)]):
+        for sign in (0, 1):
+            for row, column in np.ndindex(shape):
+                count = 0
+                r = row
+                c = column
+                while True:
+                    r = r + down * (2 * sign - 1)
+                    c = c + right * (2 * sign - 1)
+                    if (
+                        not (0 <= r < shape[0] and 0 <= c < shape[1])
+                        or labels[r, c] != labels[row, column]
+                    ):
+                        break
+                    count += 1
+                assert runs[axis, sign, row, column] == min(count, 255)

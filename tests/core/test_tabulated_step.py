@@ -5,7 +5,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.behavior import step as step_
 from crowd_lod_extension.crowd_lod.behavior import tabulated_step
 from crowd_lod_extension.crowd_lod.behavior.plain_step import advance
-from crowd_lod_extension.crowd_lod.behavior.step import Steps, step
+from crowd_lod_extension.crowd_lod.behavior.step import step
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset, preset_names
 from crowd_lod_extension.crowd_lod.world.first_frame import populate
 from crowd_lod_extension.crowd_lod.world.maps import LabelMap
@@ -48,10 +48,9 @@ def test_presets_step_plainly_on_one_label_and_on_many(name, alike):
     labels[:5] = np.flatnonzero(machine.spawn)[0]
     world = LabelMap(labels[:5] if alike else labels, AREA)
     crowd = populate(1000, 1, 3, machine, world)
-    steps = Steps(machine, world)
     for _ in range(3):
         plain, _ = advance(crowd, machine, world, 0.2)
-        crowd = steps.after(crowd, 0.2)
+        crowd = step(crowd, machine, world, 0.2)
         assert same(crowd, plain)
 
 
