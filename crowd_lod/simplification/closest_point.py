@@ -2,8 +2,13 @@
 
 import numpy as np
 
-from . import settings
 from .triangle_mesh import TriangleMesh, blocks, length, ranges
+
+WALK_STEPS = 40  # along a surface to the nearest triangle, at most
+# Points that are off by this part of the largest distance search their nearest triangle again.
+SEARCHED_AGAIN = 0.5
+DOUBTED = 32  # points farthest off, whose walks may have ended at a wrong place
+DOUBTS = 12  # searches for these, at most, while one of them was wrong
 
 BLOCK = 16_000  # faces looked at together: what fits in the processor's cache
 
@@ -21,7 +26,7 @@ def walk(
     start = start.copy()
     face, weights = _closest_round(mesh, start, points)
     going = np.arange(len(start))
-    for _ in range(settings.CURRENT.walk_steps):
+    for _ in range(WALK_STEPS):
         corner = mesh.corner(face[going], weights.take(going, 1))
         moved = corner != start[going]
         going = going[moved]
@@ -50,7 +55,7 @@ def follow(
     """
     off = points - mesh.at(face, weights)
     distance = length(off)
-    far = np.flatnonzero(distance > settings.CURRENT.walk_again * distance.max(initial=0))
+    far = np.flatnonzero(distance > SEARCHED_AGAIN * distance.max(initial=0))
     face = face.copy()
     weights = weights.copy()
     there = points.take(far, 1)
@@ -78,9 +83,9 @@ def doubt(
     """
     face = face.copy()
     weights = weights.copy()
-    count = count or settings.CURRENT.doubt_points
+    count = count or DOUBTED
     distance = length(points - mesh.at(face, weights))
-    for _ in range(settings.CURRENT.doubt_rounds if len(face) else 0):
+    for _ in range(DOUBTS if len(face) else 0):
         far = np.argpartition(-distance, min(count, len(distance)) - 1)[:count]
         far = far[distance[far] > distance[far].max() / 2]
         doubted = points.take(far, 1)

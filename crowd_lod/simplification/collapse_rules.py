@@ -8,10 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import settings
 from .quadrics import Edges
 from .triangle_mesh import edge_keys, length
 from .triangle_mesh import normals as normals_of_faces
+
+# No collapse makes a triangle thinner than this: twice its area over the sum of squared sides.
+THINNEST = 0.001
 
 
 @dataclass(frozen=True)
@@ -164,7 +166,7 @@ def _spoils_faces(
         sum(np.einsum("dn,dn->n", side, side) for side in (a - b, b - c, c - a))
         for a, b, c in (old, new)
     )
-    thin = (size < settings.CURRENT.thinnest * long) & (size * was_long <= was_size * long)
+    thin = (size < THINNEST * long) & (size * was_long <= was_size * long)
     merged = mesh.normals[:, candidates.ends].sum(axis=1).take(edge, 1)
     outward = [
         np.where(by >= 0, merged, mesh.normals.take(corner, 1))

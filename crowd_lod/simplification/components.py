@@ -2,8 +2,10 @@
 
 import numpy as np
 
-from . import settings
 from .rasterizer import mask
+
+LOST = 0.03  # part of the source's silhouette: a part that lacks more is widened
+FLAT = 0.01  # a part whose thickness is less than this part of its length is flat
 
 CELL = 32  # pixels across the mask of a part, with one around it
 # From where parts are looked at: the corners of a cube, (d, 2, 3) axes of the pictures.
@@ -40,20 +42,18 @@ def grown(
         target_areas / np.maximum(areas(points, triangles, part[triangles[:, 0]], count), 1e-300)
         - 1
     )
-    more[more < settings.CURRENT.parts_lost] = 0
+    more[more < LOST] = 0
     # as a box grows: (a + d) (b + d) + (b + d) (c + d) + (c + d) (a + d) is 1 + more times ab + bc
     # + ca; of what is flat (b + d) (c + d)
     (a, b, c) = reach.T
-    flat = reach[:, 0] < settings.CURRENT.parts_flat * reach[:, 2]
+    flat = reach[:, 0] < FLAT * reach[:, 2]
     square, line, area = np.where(
         flat,
         (np.ones(count), b + c, b * c),
         (np.full(count, 3.0), 2 * (a + b + c), a * b + b * c + c * a),
     )
     wider = (np.sqrt(line**2 + 4 * square * area * more) - line) / (2 * square)
-    scale = 1 + wider.clip(0, most)[:, None] / np.maximum(
-        reach, settings.CURRENT.parts_flat * reach[:, 2:] + 1e-300
-    )
+    scale = 1 + wider.clip(0, most)[:, None] / np.maximum(reach, FLAT * reach[:, 2:] + 1e-300)
     return middle[part] + np.einsum("nk,ndk->nd", along * scale[part], axes[part])
 
 

@@ -16,13 +16,36 @@ from ..errors import CrowdError
 from ..format import counted
 from ..mesh import Mesh
 from ..progress import finished
-from . import settings
 from .components import areas, grown
 from .edge_collapse import Collapsed, collapse
 from .pose_deformation import Skin
 from .quadrics import Poses, normals_of, quadrics_of
-from .surface_fit import SurfaceFit
+from .surface_fit import NEAR_ENOUGH, SurfaceFit
 from .triangle_mesh import constrained_edges, edge_keys, half_edges
+
+# fast-simplification's collapses are cheap, but know nothing of poses. It leaves as many times the
+# triangles wanted, and as large a part of the source's beside: the last collapses are chosen better.
+BULK_MARGIN = 1.1
+BULK_PART = 0.04
+# triangles that it leaves at least: of a mesh with seams, which it does not know, with poses
+BULK_SEAMED = 30_000
+BULK_POSED = 60_000
+BULK_CARE = 3  # fast-simplification's own default of 7 errs more
+# weight of the planes of what it leaves, beside the source's: a flat face keeps its corners
+BULK_PLANES = 0.5
+# Where a smaller part of the triangles than this is wanted, and nothing moves, seams weigh less: by
+# the cube of the ratio of the two.
+SEAMS_YIELD = 0.1
+SEAMS_POSED = 0.5  # weight of seams in each pose, relative to rest: they add up
+# Rounds of moves: samples moved at least, which is the work on a small mesh, and samples moved for
+# each of the source's triangles, the work on a large one.
+MOVES = 1_100_000
+MOVES_EACH = 17
+ROUNDS = (1, 40)  # at least and at most
+STEPS = 8  # moves in a round
+RESAMPLINGS = 3  # times at most that new samples are laid between the others
+# Another time follows if this one found a distance as many times larger than the one known.
+RESAMPLE_GAIN = 1.1
 
 GRID = 2.0**33  # steps in the mesh's size: a power of two, so that flat stays flat
 
@@ -73,7 +96,7 @@ def decimating(  # noqa: PLR0913 - what a mesh is decimated by
     errors.
     seams: (k, 2) indices of points, edges kept in place as open borders are, such as UV seams.
     skin: how its points move, if they do: the poses count as much as the rest.
-    effort: what part of Settings.moves it may do, as one of a character's meshes.
+    effort: what part of MOVES it may do, as one of a character's meshes.
     weight: (n,), how much the planes at each point count when edges collapse; 1 each if None.
 
     Returns the LodMesh. Points without a triangle are dropped, open borders at the same points
@@ -146,7 +169,7 @@ def _best(
     mesh: of unit size, with n points.
     seams: (k, 2).
     target: triangles wanted.
-    effort: part of Settings.moves.
+    effort: part of MOVES.
     weight: (n,), see decimating().
     Returns the points left; `follows` tells something with a skin only.
 
@@ -167,8 +190,7 @@ def _best(
     inside = np.isin(edge_keys(seams.T, len(points)), edge_keys(inner.T, len(points)))
     lod = Mesh(left.points[kept_points], new_triangles.reshape(-1, 3))
     fit = SurfaceFit(lod, mesh, collapse_map, seams[inside], skin, left.follows[kept_points])
-    now = settings.CURRENT
-    yield from _fitted(fit, max(effort * now.moves, now.moves_each * len(triangles)))
+    yield from _fitted(fit, max(effort * MOVES, MOVES_EACH * len(triangles)))
     return Collapsed(
         _widened(points, triangles, part, fit),
         fit.corners.T,
@@ -193,19 +215,18 @@ def _collapse(  # noqa: PLR0913 - what a mesh is decimated by
     """
     points = mesh.points
     triangles = mesh.triangles
-    now = settings.CURRENT
-    hold = 1.0 if skin else min(1.0, target / len(triangles) / now.seams_yield) ** 3
+    hold = 1.0 if skin else min(1.0, target / len(triangles) / SEAMS_YIELD) ** 3
     facing = normals_of(points, triangles)
     quadrics = quadrics_of(points, triangles, constrained, hold)
     pose_quadrics = [
-        quadrics_of(place, triangles, constrained, now.seams_posed)
+        quadrics_of(place, triangles, constrained, SEAMS_POSED)
         for place in (skin.place if skin else ())
     ]
     for rows in (quadrics, *pose_quadrics):
         rows[:10] *= weight  # not the area, by which errors are divided
-    spared = now.bulk_posed if skin else now.bulk_seamed if len(seams) else 0
+    spared = BULK_POSED if skin else BULK_SEAMED if len(seams) else 0
     yield
-    most = max(int(now.bulk_margin * target + now.bulk_part * len(triangles)), spared)
+    most = max(int(BULK_MARGIN * target + BULK_PART * len(triangles)), spared)
     start, coarse, collapse_map = _bulk(
         points, triangles, part, most, skin.place[0] if skin else points
     )
@@ -217,7 +238,7 @@ def _collapse(  # noqa: PLR0913 - what a mesh is decimated by
     poses = Poses(skin, pose_quadrics) if skin else None
     if len(coarse) < len(triangles) and not poses:
         # of a flat face all points may have landed far from its corners, which must not forget it
-        sums[:11] += now.bulk_planes * quadrics_of(
+        sums[:11] += BULK_PLANES * quadrics_of(
             start, coarse, constrained_edges(coarse, collapse_map[seams], len(start)), hold
         )
     left = yield from collapse(Mesh(start, coarse), sums[:11], sums[11:].T, target, poses)
@@ -242,23 +263,22 @@ def _fitted(fit: SurfaceFit, moves: float) -> Iterator[None]:
 
     moves: how many samples to move in all, about. Yields between the rounds.
     """
-    now = settings.CURRENT
-    for k in range(int(np.clip(np.round(moves / (now.steps * fit.samples)), *now.rounds))):
+    for k in range(int(np.clip(np.round(moves / (STEPS * fit.samples)), *ROUNDS))):
         if k % 4 == 2:
             fit.flip()
-        fit.move(now.steps)
-        if fit.worst < now.near_enough:
+        fit.move(STEPS)
+        if fit.worst < NEAR_ENOUGH:
             break
         yield
     fit.restore()
-    for _ in range(now.resamplings):
+    for _ in range(RESAMPLINGS):
         before = fit.worst
-        if before < now.near_enough or not fit.add_source_samples() | fit.add_lod_samples():
+        if before < NEAR_ENOUGH or not fit.add_source_samples() | fit.add_lod_samples():
             break
         resampled = fit.worst
-        fit.move(now.steps)
+        fit.move(STEPS)
         fit.restore()
-        if resampled < now.resample_gain * before:
+        if resampled < RESAMPLE_GAIN * before:
             break
 
 
@@ -276,7 +296,7 @@ def _widened(
     names, of = np.unique(part[fit.follows], return_inverse=True)
     shown = triangles[np.isin(part[triangles[:, 0]], names)]
     wanted = areas(points, shown, np.searchsorted(names, part[shown[:, 0]]), len(names))
-    return grown(new_points, fit.corners.T, of, wanted, settings.CURRENT.parts_grown * fit.worst)
+    return grown(new_points, fit.corners.T, of, wanted, fit.worst)
 
 
 def _bulk(
@@ -296,7 +316,7 @@ def _bulk(
     if target >= len(triangles):
         return points, triangles, every
     faces = np.ascontiguousarray(triangles, np.int32)
-    care = settings.CURRENT.bulk_aggression
+    care = BULK_CARE
     with _one_at_a_time:
         _, _, collapses = fast_simplification.simplify(
             guide, faces, target_count=target, agg=care, return_collapses=True

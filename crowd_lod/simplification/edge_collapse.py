@@ -9,11 +9,15 @@ from typing import NamedTuple
 import numpy as np
 
 from ..mesh import Mesh
-from . import settings
 from .collapse_rules import CollapsingMesh, are_bridges, are_flat, choose_collapses, in_ring
 from .loose_parts import LooseParts
 from .quadrics import Edges, PoseErrors, Poses, place_collapses
 from .triangle_mesh import edges_of
+
+FACING = 0.2  # least cosine between a triangle's normals before and after a collapse
+FACING_LAST = -1.0  # the same where nothing else is left to collapse
+ROUND_PART = 0.15  # part of the edges, the cheapest, that may collapse in a round
+ROUND_PASSES = 6  # choices of edges in a round
 
 
 class Collapsed(NamedTuple):
@@ -96,7 +100,7 @@ class _Collapse:
         # Where none of the cheapest edges may collapse, all are tried, then also those that turn
         # faces further.
         self.thorough = False
-        self.facing = settings.CURRENT.facing
+        self.facing = FACING
         self.refused = np.zeros(0, np.intp)  # keys of edges that must not collapse as things are
         # Of the last round's edges, by key: where each collapses to (3 rows), its cost at rest, and
         # its error in the poses, NaN where it was not needed.
@@ -118,7 +122,7 @@ class _Collapse:
         if self.loose.cheapest <= dearest:
             self.corners = self.loose.give_up(self.corners, dearest, excess)
             return nothing
-        passes = len(order) if self.thorough else settings.CURRENT.round_passes
+        passes = len(order) if self.thorough else ROUND_PASSES
         mesh = CollapsingMesh(self.points, self.corners, self.normals)
         good, bad = choose_collapses(mesh, edges.ends, edges.take(order), passes, self.facing)
         self.refused = np.append(self.refused, self.keys[order[bad]])
@@ -154,7 +158,7 @@ class _Collapse:
         cost = np.where(barred, np.inf, self.estimates[3])
         most = len(cost)
         if not self.thorough:
-            most = min(most, max(64, int(settings.CURRENT.round_part * most)))
+            most = min(most, max(64, int(ROUND_PART * most)))
         if self.poses:
             errors = PoseErrors(self.poses, self.follows, self.quadrics[10])
             errors.add(cost, self.estimates[4], edges, most)
@@ -165,14 +169,14 @@ class _Collapse:
 
         Try all edges, then let faces turn further, then give up loose parts.
         """
-        if self.thorough and self.facing == settings.CURRENT.facing_last:
+        if self.thorough and self.facing == FACING_LAST:
             self.stuck = self.loose.cheapest == np.inf
             if not self.stuck:
                 self.corners = self.loose.give_up(self.corners, np.inf, excess)
             return
         if self.thorough:
             self.refused = self.refused[:0]
-            self.facing = settings.CURRENT.facing_last
+            self.facing = FACING_LAST
         self.thorough = not self.thorough
         self.changed = np.zeros(len(self.used), bool)
 

@@ -13,10 +13,15 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..progress import check_cancelled
-from . import settings
 from .moving_surface import MovingSurface, Target, length_of
 from .piece_maps import faces_beneath, map_to_neighbors, map_to_one, piece_distances
 from .triangle_mesh import blocks
+
+TOLERANCE = 0.03  # the bound is larger by this part than what was measured
+FLOOR = 5e-5  # of the size: no bound need be lower
+DEPTH = 10  # times that pieces are divided, at most
+PIECES = 400_000  # of one surface in a pose; where there would be more, the bound is left as it is
+FIRST = 8  # points of each pose that are measured first, those which may be farthest off
 
 TOGETHER = 4_000  # points, or pieces, in all poses that fit in the processor's cache
 
@@ -45,7 +50,7 @@ class Interval:
 
     @property
     def enough(self) -> float:
-        return max((1 + settings.CURRENT.bound_tolerance) * self.measured, self.floor)
+        return max((1 + TOLERANCE) * self.measured, self.floor)
 
 
 @dataclass
@@ -96,7 +101,7 @@ def bound_distance(surface: MovingSurface, other: MovingSurface, least: float = 
 
 def begin_interval(surface: MovingSurface) -> Interval:
     """Return an Interval of which nothing is known yet."""
-    return Interval(settings.CURRENT.bound_floor * float(np.ptp(surface.points, axis=0).max()))
+    return Interval(FLOOR * float(np.ptp(surface.points, axis=0).max()))
 
 
 @dataclass
@@ -132,7 +137,7 @@ class DistanceTo:
         What is nearest to a point in one pose is held against it in all others: a point seldom
         needs a search in more than two.
         """
-        for most in (settings.CURRENT.bound_first, None):
+        for most in (FIRST, None):
             for k in range(1, points.off.shape[1]):
                 far = np.flatnonzero(points.near[:, k] > min(self.interval.enough, beyond))
                 if most is not None and len(far) > most:
@@ -161,17 +166,14 @@ class DistanceTo:
         pieces: (p, 3); longest: (p, poses), meters: none of their edges is longer.
         """
         later = []
-        for depth in range(settings.CURRENT.bound_depth + 1):
+        for depth in range(DEPTH + 1):
             near = points.near[pieces]
             most = np.minimum(near.min(axis=1) + longest, near.max(axis=1) + longest / np.sqrt(3))
             far = np.flatnonzero((most > self.interval.enough).any(axis=1))
             most = np.minimum(most[far], self._map_pieces(points, pieces[far]))
             wrong = most > self.interval.enough
             split = wrong[:, 0]
-            if (
-                depth == settings.CURRENT.bound_depth
-                or 4 * split.sum() > settings.CURRENT.bound_pieces
-            ):
+            if depth == DEPTH or 4 * split.sum() > PIECES:
                 self.interval.bound = max(self.interval.bound, float(most[split, 0].max(initial=0)))
                 split = np.zeros_like(split)
             in_others = np.flatnonzero(wrong.any(axis=1) & ~split)

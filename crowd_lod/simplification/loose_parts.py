@@ -5,9 +5,18 @@ from heapq import heapify, heappop, heappush
 import numpy as np
 
 from ..connected_components import connected_components
-from . import settings
 from .closest_point import distances
+from .quadrics import AREA_POWER
+from .thin_parts import THIN_LEAST
 from .triangle_mesh import blocks, length, normals
+
+# A point of the source that a collapse leaves behind counts with this part of the distance: the
+# fit brings the surfaces nearer afterwards.
+FITTED = 0.25
+# A part is replaced by one that is LARGER times its size, if it lies within NEAR times its own
+# radius of that.
+LARGER = 4.0
+NEAR = 4.0
 
 PAIRS_AT_ONCE = 4_000_000  # pairs of a part and a point that are compared at a time
 CARD = np.array([(0, 0), (1, 2), (2, 3)])  # the two triangles of a card, as corners among its four
@@ -42,14 +51,14 @@ class LooseParts:
         gap, lost = _lost_distances(rest, self.part, self._cards, middle, radius)
         # Seen edge on a card shows nothing: it counts as half lost, unless the part is so thin that
         # a LOD with such an error need not show it.
-        unseen = np.minimum((gap + radius) / 2, thickness / settings.CURRENT.thin_least)
+        unseen = np.minimum((gap + radius) / 2, thickness / THIN_LEAST)
         off = [
             np.maximum(unseen, _card_distances(points, corners, self.part, self._cards))
             for points in copies
         ]
         faces = normals(*(rest.take(corner, 1) for corner in corners))
         silhouette = np.bincount(self.part[corners[0]], length(faces), count) / 8
-        weight = np.bincount(self.part, area, count) ** (1 - settings.CURRENT.area_power)
+        weight = np.bincount(self.part, area, count) ** (1 - AREA_POWER)
         self._costs = weight * np.stack(
             [np.sum(np.square(off), axis=0), len(copies) * np.maximum(lost**2, silhouette)]
         )
@@ -90,8 +99,8 @@ class LooseParts:
         away = np.full(ends.shape, np.inf)
         for nearest, end in zip(away, ends, strict=True):
             np.minimum.at(nearest, edge, distances(self._witness.take(end[edge], 1), *faces))
-        off = settings.CURRENT.parts_fitted * away.max(axis=0)
-        return self._copies * off**2 * area[ends].sum(axis=0) ** (1 - settings.CURRENT.area_power)
+        off = FITTED * away.max(axis=0)
+        return self._copies * off**2 * area[ends].sum(axis=0) ** (1 - AREA_POWER)
 
     def follow(self, ends: np.ndarray, at: np.ndarray) -> None:
         """Note that edges `ends` (2, k) have become their first ends, at the places `at` (3, k).
@@ -230,18 +239,17 @@ def _lost_distances(
     Source: Gonzalez, "Clustering to minimize the maximum intercluster distance", 1985, has the
     measure.
     """
-    now = settings.CURRENT
     order = np.argsort(part, kind="stable")
     points = points.take(order, 1)
     first = np.searchsorted(part[order], np.arange(len(radius)))
     place = np.argsort(order)
     nearest, gap = _nearest_points(points, first, middle)
     off = gap + radius
-    larger = first[np.searchsorted(-radius, -now.parts_larger * radius)]
+    larger = first[np.searchsorted(-radius, -LARGER * radius)]
     near, away = _nearest_points(points, larger, middle)
     for corner in cards:
         away = np.maximum(away, _nearest_points(points, larger, points.take(place[corner], 1))[1])
-    at_larger = away < now.parts_near * radius
+    at_larger = away < NEAR * radius
     counts_on = part[order[np.where(at_larger, near, nearest)]]
     return gap, _lost_in_turn(np.where(at_larger, away, off), counts_on)
 

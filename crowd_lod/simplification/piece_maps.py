@@ -8,10 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import settings
 from .closest_point import closest_weights, walk
 from .moving_surface import Target, length_of
 from .triangle_mesh import normals
+
+SPOKES = 4  # edges that one side of a piece crosses, at most
+# The triangle beneath a piece's corner is sought this part of the way to the piece's middle.
+INSIDE = 0.1
 
 
 @dataclass
@@ -59,7 +62,7 @@ def faces_beneath(
     corners: (p, 3, 3), in the base; faces: (p, 3), weights: (p, 3, 3), where these are mapped to.
     """
     middle = corners.mean(axis=1, keepdims=True)
-    inside = corners + settings.CURRENT.bound_inside * (middle - corners)
+    inside = corners + INSIDE * (middle - corners)
     start = target.mesh.corner(faces.ravel(), weights.reshape(-1, 3).T)
     beneath, _ = walk(target.mesh, start, np.ascontiguousarray(inside.reshape(-1, 3).T))
     return beneath.reshape(-1, 3)
@@ -147,7 +150,7 @@ def _cross_spokes(
     end = at[pieces, j]
     up = np.add(*(normals(*surface.corners(faces, target.base)) for faces in (face, last))).T
     left = np.einsum("pd,pd->p", np.cross(begin - middle, end - middle), up) > 0
-    for more in reversed(range(settings.CURRENT.bound_spokes)):
+    for more in reversed(range(SPOKES)):
         place = (surface.triangles[face] == hub[pieces, None]).argmax(axis=1)
         rim = surface.triangles[face, (place + 1 + left) % 3]
         rim_at = surface.points[rim, target.base]

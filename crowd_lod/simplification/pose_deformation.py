@@ -5,8 +5,17 @@ from functools import cached_property
 
 import numpy as np
 
-from . import settings
 from .triangle_mesh import length
+
+POSES = 3  # besides the one at rest, that decimation heeds
+COMPARED = 5_000  # triangles by which poses are compared, about
+ALIKE = 1e-3  # mean change of an edge's turn, below which poses are alike
+# weight of the three axes, as part of an edge's length: they decide where a vertex's triangles do
+# not
+AXES = 1e-3
+# sizes of the mesh between its copies in the poses, so that no copy is nearest to another
+GAP = 2.0
+REST_SCALE = 2.0  # how much larger the copy at rest is, so that distances count more there
 
 
 @dataclass(frozen=True)
@@ -78,19 +87,19 @@ class Skin:
     def telling(self, triangles: np.ndarray, count: int | None = None) -> "Skin | None":
         """The poses that tell count: each bends the mesh most unlike those before.
 
-        triangles: (m, 3); count: how many, or Settings.poses. None is like the rest or another.
+        triangles: (m, 3); count: how many, or POSES. None is like the rest or another.
         Returns None if nothing bends.
         """
-        a, b = triangles[:: len(triangles) // settings.CURRENT.pose_triangles + 1, [0, 1]].T
+        a, b = triangles[:: len(triangles) // COMPARED + 1, [0, 1]].T
         # from one end of a side to the other: what a turn of all together leaves as it is
         turns = np.einsum("kmji,kmjl->kmil", self.frame[:, a], self.frame[:, b]) - np.eye(3)
         unlike = np.full(len(turns), np.inf)
-        count = count or settings.CURRENT.poses
+        count = count or POSES
         indices: list[int] = []
         new = np.zeros_like(turns[0])
         while len(indices) < count:
             unlike = np.minimum(unlike, np.sqrt(((turns - new) ** 2).sum(axis=(2, 3))).mean(axis=1))
-            if unlike.max(initial=0) < settings.CURRENT.pose_least:
+            if unlike.max(initial=0) < ALIKE:
                 break
             indices.append(int(unlike.argmax()))
             new = turns[indices[-1]]
@@ -124,7 +133,7 @@ def frames_of(rest: np.ndarray, place: np.ndarray, triangles: np.ndarray) -> np.
             [
                 points[end] - points[start],
                 normal,
-                *(np.tile(settings.CURRENT.pose_axes * size * axis, (n, 1)) for axis in np.eye(3)),
+                *(np.tile(AXES * size * axis, (n, 1)) for axis in np.eye(3)),
             ]
         )
 
@@ -147,22 +156,18 @@ class Copies:
     """A mesh at rest and in its poses, side by side as one mesh.
 
     Whatever measures it measures all of them at once. Copy j of point, or triangle, i is number i *
-    count + j; the first is at rest, and Settings.rest_scale times as large if there are others:
+    count + j; the first is at rest, and REST_SCALE times as large if there are others:
     there distances count more.
     """
 
     def __init__(self, skin: Skin | None):
         self.skin = skin
         self.count = 1 if skin is None else 1 + len(skin.place)
-        self.rest = settings.CURRENT.rest_scale if self.count > 1 else 1.0
+        self.rest = REST_SCALE if self.count > 1 else 1.0
         if skin is not None:
             low = skin.place.min(axis=1)
             high = skin.place.max(axis=1)
-            gap = (
-                settings.CURRENT.pose_gap
-                * self.rest
-                * max(np.ptp(skin.rest, axis=0).max(), (high - low).max())
-            )
+            gap = GAP * self.rest * max(np.ptp(skin.rest, axis=0).max(), (high - low).max())
             self.shift = gap * np.arange(1, self.count) - low[:, 0]
 
     def every(self, numbers: np.ndarray) -> np.ndarray:

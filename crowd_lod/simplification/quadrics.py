@@ -8,10 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import settings
 from .closest_point import BLOCK
 from .pose_deformation import Skin
 from .triangle_mesh import blocks, half_edges
+
+# A collapse's error is divided by its area to this power: 0 spares large faces, 1 treats all alike.
+AREA_POWER = 0.9
+# weight of an edge's middle against the planes: decides where they leave a choice
+MIDPOINT = 1e-9
 
 
 @dataclass(frozen=True)
@@ -120,7 +124,7 @@ def _place_block(
     gy = xy * x + yy * y + yz * z + yd
     gz = xz * x + yz * y + zz * z + zd
     cost = (gx + xd) * x + (gy + yd) * y + (gz + zd) * z + dd
-    hold = settings.CURRENT.midpoint * area + 1e-300
+    hold = MIDPOINT * area + 1e-300
     xx = xx + hold
     yy = yy + hold
     zz = zz + hold
@@ -141,11 +145,8 @@ def _place_block(
     edge = np.einsum("dn,dn->n", p - q, p - q)
     # planes that hardly differ meet anywhere
     step *= np.einsum("dn,dn->n", step, step) <= 4 * edge
-    cost = (
-        np.maximum(cost + gx * step[0] + gy * step[1] + gz * step[2], 0)
-        + settings.CURRENT.midpoint * edge * area
-    )
-    return middle + step, cost / (area + 1e-300) ** settings.CURRENT.area_power
+    cost = np.maximum(cost + gx * step[0] + gy * step[1] + gz * step[2], 0) + MIDPOINT * edge * area
+    return middle + step, cost / (area + 1e-300) ** AREA_POWER
 
 
 @dataclass(frozen=True)
@@ -174,7 +175,7 @@ class PoseErrors:
             ends = edges.ends.take(new, 1)
             at = edges.at.take(new, 1)
             area = self.area.take(ends).sum(axis=0)
-            errors[new] = self.of(ends, at) / (area + 1e-300) ** settings.CURRENT.area_power
+            errors[new] = self.of(ends, at) / (area + 1e-300) ** AREA_POWER
             cost[new] += errors[new]
             has_error[new] = True
             limit = np.partition(np.where(has_error, cost, np.inf), most - 1)[most - 1]

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from ..mesh import Mesh
-from . import settings
 from .closest_point import beyond, doubt, follow, walk
 from .edge_flips import Flips, choose_flips, find_flips, flip_edges, measure_flips
 from .fit_state import FitState
@@ -14,7 +13,27 @@ from .pose_deformation import Copies, Skin
 from .quadrics import normals_of
 from .surface_sampling import between, lattice
 from .triangle_mesh import TriangleMesh, length, normals
-from .vertex_moves import hold_on_seams, sum_pulls, unfold, weigh_samples
+from .vertex_moves import HALVINGS, hold_on_seams, sum_pulls, unfold, weigh_samples
+
+SAMPLES = 15_000  # of the LOD's surface, about
+SAMPLES_FINEST = 5  # along an edge, at most
+SAMPLES_POSED = 3_000  # of the source's vertices, about, that count in each pose
+STRIDE = 0.8  # part of each move that is made
+DAMPING = 0.01  # weight that holds a vertex in place, as part of all vertices' mean
+NEAR_ENOUGH = 1e-6  # worst distance below which nothing is moved
+# An edge is flipped only if its triangles are off by this part of the worst distance at least, and
+# by FLIP_GAIN of that at most afterwards.
+FLIP_FROM = 0.6
+FLIP_GAIN = 0.9
+# If the flips of a round raise the worst distance by more than this factor, none is made.
+FLIP_LOSS = 1.05
+# Triangles get new samples where they are off by this part of the worst distance, or where the
+# cosine to the nearest triangle is below RESAMPLE_STEEP; all of them up to RESAMPLE_FEW samples
+# along an edge.
+RESAMPLE_FROM = 0.6
+RESAMPLE_STEEP = 0.5
+RESAMPLE_FEW = 2
+RESAMPLE_KEPT = 0.9  # new samples that are off by this part of the worst distance stay
 
 MIDDLES = lattice(2)  # of a face and its edges
 
@@ -76,10 +95,10 @@ class SurfaceFit:
     def _choose_source_samples(self, n: int) -> np.ndarray:
         """The vertices of the source, in all copies, that are samples: at rest all that are left.
 
-        In each pose about Settings.samples_posed of the n.
+        In each pose about SAMPLES_POSED of the n.
         """
         point, copy = np.divmod(np.arange(len(self.collapse_map)), self.copies.count)
-        step = -(-n // settings.CURRENT.samples_posed)
+        step = -(-n // SAMPLES_POSED)
         return np.flatnonzero(((copy == 0) | (point % step == 0)) & (self.collapse_map >= 0))
 
     def _first_state(self, lod: TriangleMesh) -> FitState:
@@ -243,12 +262,11 @@ class SurfaceFit:
         Returns whether there was anything as far off as the worst distance, about.
         """
         state = self.state
-        now = settings.CURRENT
         sample = np.full(self.source.points.shape[1], -1)
         sample[self.source_samples] = np.arange(len(self.source_samples))
         sample = sample[self.source.corners]
         away = np.where(sample >= 0, state.distance[sample], 0).max(axis=0)
-        far = away > now.resample_from * state.worst
+        far = away > RESAMPLE_FROM * state.worst
         faces = np.flatnonzero(far & (sample >= 0).all(axis=0))
         # near a single face of the LOD nothing is farther than the corners
         a, b, c = state.face[sample[:, faces]]
@@ -256,7 +274,7 @@ class SurfaceFit:
         face, grid = between(self.source.corners, faces, MIDDLES)
         points = self.source.at(face, grid)
         start = state.face[sample[grid.argmax(axis=0), face]]
-        far, face, weights = beyond(state.lod, now.resample_kept * state.worst, start, points)
+        far, face, weights = beyond(state.lod, RESAMPLE_KEPT * state.worst, start, points)
         if len(far):
             self._add(
                 points=points.take(far, 1), face=face, weights=weights, pull=np.zeros(len(far))
@@ -270,17 +288,16 @@ class SurfaceFit:
         flipped afterwards.
         """
         state = self.state
-        now = settings.CURRENT
-        if self.divisions == now.samples_finest:
+        if self.divisions == SAMPLES_FINEST:
             return False
-        steep = self.cosines_to_source(np.arange(state.lod.corners.shape[1])) < now.resample_steep
-        far = state.errors() > now.resample_from * state.worst
-        faces = np.flatnonzero(far | steep | (self.divisions <= now.resample_few))
-        finer = lattice(min(2 * self.divisions, now.samples_finest), whole=True)[:, 1:]
+        steep = self.cosines_to_source(np.arange(state.lod.corners.shape[1])) < RESAMPLE_STEEP
+        far = state.errors() > RESAMPLE_FROM * state.worst
+        faces = np.flatnonzero(far | steep | (self.divisions <= RESAMPLE_FEW))
+        finer = lattice(min(2 * self.divisions, SAMPLES_FINEST), whole=True)[:, 1:]
         face, grid = between(state.lod.corners, faces, finer)
         far, source_face, source_weights = beyond(
             self.source,
-            now.resample_kept * state.worst,
+            RESAMPLE_KEPT * state.worst,
             state.source_face[face],
             state.lod.at(face, grid),
         )
@@ -310,11 +327,11 @@ class SurfaceFit:
         before = self.lod.points
         facing = self.source_normals()
         for step in range(steps):
-            if self.worst < settings.CURRENT.near_enough:
+            if self.worst < NEAR_ENOUGH:
                 break
             self._step(facing)
             self.measure(step == steps - 1)
-        for _ in range(settings.CURRENT.halvings):
+        for _ in range(HALVINGS):
             turned = () if self.rough else self.find_turned()
             if not len(turned):
                 break
@@ -326,11 +343,10 @@ class SurfaceFit:
 
     def _step(self, facing: np.ndarray) -> None:
         """Move the vertices once; facing: (3, m), where the faces at rest are to face."""
-        now = settings.CURRENT
         state = self.state
         pull, lod_pull = weigh_samples(state)
         total, move = self.copies.joined(*sum_pulls(state, pull, lod_pull), self.follows)
-        move *= now.stride / (total + now.damping * total.mean())
+        move *= STRIDE / (total + DAMPING * total.mean())
         points = self.points
         corners = self.corners
         move = hold_on_seams(points, corners, self.copies.originals(self.seams), move)
@@ -345,7 +361,7 @@ class SurfaceFit:
             return
         self.state = self._flipped(flips.in_copies(self.copies))
         self.measure()
-        if self.worst > settings.CURRENT.flip_loss * before.worst:
+        if self.worst > FLIP_LOSS * before.worst:
             self.state = before
 
     def _find_gaining_flips(self) -> Flips:
@@ -353,10 +369,10 @@ class SurfaceFit:
         copies = self.copies
         flips = find_flips(self.points, self.corners, copies.originals(self.seams))
         error = copies.worst(self.state.errors())[flips.faces].max(axis=0)
-        far = error > settings.CURRENT.flip_from * self.worst
+        far = error > FLIP_FROM * self.worst
         flips = flips.take(far)
         error = error[far]
-        goal = settings.CURRENT.flip_gain * error
+        goal = FLIP_GAIN * error
         enough = np.repeat(goal, copies.count)
         new_error = copies.worst(
             measure_flips(self.state, self.source, flips.in_copies(copies), enough)
@@ -396,5 +412,4 @@ class SurfaceFit:
 
 def _divisions(faces: int) -> int:
     """Of how many parts a face's edge is, so that the grids on all `faces` have enough samples."""
-    now = settings.CURRENT
-    return int(np.clip(np.round(np.sqrt(2 * now.samples / faces)), 1, now.samples_finest))
+    return int(np.clip(np.round(np.sqrt(2 * SAMPLES / faces)), 1, SAMPLES_FINEST))

@@ -13,8 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import settings
 from .triangle_mesh import blocks, ranges
+
+SPACING = 1 / 32  # of the size, between samples of a large triangle at most
+# of the deviation: what is thinner is less than half a pixel wide where a LOD of a pixel begins
+THIN_LEAST = 0.5
+# A LOD must have this part of a thickness. Of half a pixel, 16 samples in a pixel then meet it.
+SHOWN = 0.25
 
 PAIRED = 1_000_000  # pairs of samples that are compared at a time
 MEASURED = 60  # lost samples, at most, whose pictures are looked at
@@ -54,7 +59,7 @@ def samples(points: np.ndarray, triangles: np.ndarray, through: Through) -> Samp
     Each triangle has one sample, and large ones have a grid of them, along their longest side. Of
     samples that lie as near to each other and face alike, one is kept.
     """
-    spacing = settings.CURRENT.thin_spacing * float(np.ptp(points, axis=0).max())
+    spacing = SPACING * float(np.ptp(points, axis=0).max())
     corners = points[triangles]
     sides = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
     order = (sides.argmax(axis=1)[:, None] + np.arange(3)) % 3
@@ -102,12 +107,11 @@ class _Comparison:
     @property
     def most(self) -> float:
         """Thickness in meters from which on the other surface has points on either side of it."""
-        return 2 * self.deviation / (1 - settings.CURRENT.thin_shown)
+        return 2 * self.deviation / (1 - SHOWN)
 
     def look(self, indices: np.ndarray) -> None:
         """Compare thickness at the samples `indices` (k,), both along the other one's normal."""
         thin = self.thin
-        now = settings.CURRENT
         normals = self.nearest(thin.at[indices])[1]
         middle = (
             thin.at[indices]
@@ -126,9 +130,9 @@ class _Comparison:
             np.einsum("kd,kd->k", a - b, normals)
             for a, b in (ends, [self.nearest(end)[0] for end in ends])
         )
-        narrow = (width < self.most) & (width > now.thin_least * self.deviation)
+        narrow = (width < self.most) & (width > THIN_LEAST * self.deviation)
         self.normals[indices[narrow]] = normals[narrow]
-        self.lost[indices[narrow & (left < now.thin_shown * width)]] = True
+        self.lost[indices[narrow & (left < SHOWN * width)]] = True
 
     def beside(self, indices: np.ndarray) -> np.ndarray:
         """Which of the samples `indices` (k,) are no farther from a lost one than `most`: (j,)."""
@@ -193,9 +197,7 @@ def find_unseen(
     `deviation`.
     """
     comparison = _Comparison(thin, nearest, deviation)
-    thick = (thin.thickness > comparison.most) | (
-        thin.thickness < settings.CURRENT.thin_least * deviation
-    )
+    thick = (thin.thickness > comparison.most) | (thin.thickness < THIN_LEAST * deviation)
     comparison.look(np.flatnonzero(~thick))
     if not comparison.lost.any():
         return np.zeros(0), np.zeros((0, 3))

@@ -2,9 +2,15 @@
 
 import numpy as np
 
-from . import settings
 from .fit_state import FitState
 from .triangle_mesh import length, normals
+
+HALVINGS = 3  # times that a move which turns a triangle is halved before it is dropped
+WEIGHT_KEPT = 0.8  # part of a sample's weight that it keeps for the next move
+# Each move adds to a sample's weight its distance over the worst near it, to this power.
+WEIGHT_POWER = 10.0
+# That worst is a mean of the worst near it and the worst of all; this is the former's exponent.
+WEIGHT_LOCAL = 0.8
 
 NEGLIGIBLE = 1e-3  # pull of a sample that moves nothing
 # of a triangle in one halving of a move: cosine to its normal before, and how much of its area
@@ -21,11 +27,10 @@ def weigh_samples(state: FitState) -> tuple[np.ndarray, np.ndarray]:
     near it: that leads to the least worst distance everywhere at once.
     Source: Lawson, "Contributions to the theory of linear least maximum approximation", 1961.
     """
-    now = settings.CURRENT
-    worst = state.errors_around() ** now.weight_local * state.worst ** (1 - now.weight_local)
+    worst = state.errors_around() ** WEIGHT_LOCAL * state.worst ** (1 - WEIGHT_LOCAL)
     worst += 1e-300  # at rest there may be none
     return tuple(
-        now.weight_kept * pull + (distance / worst[face]) ** now.weight_power
+        WEIGHT_KEPT * pull + (distance / worst[face]) ** WEIGHT_POWER
         for pull, distance, face in (
             (state.pull, state.distance, state.face),
             (state.lod_pull, state.lod_distance, state.lod_face),
@@ -105,7 +110,7 @@ def unfold(old: np.ndarray, new: np.ndarray, corners: np.ndarray, facing: np.nda
         stay = stay[(new[:, stay] != old[:, stay]).any(axis=0)]
         if not len(stay):
             return new
-        if k < settings.CURRENT.halvings:
+        if k < HALVINGS:
             new[:, stay] = (new[:, stay] + old[:, stay]) / 2
         else:
             new[:, stay] = old[:, stay]

@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.progress import run_in_thread
-from ...crowd_lod.simplification import settings
+from ...crowd_lod.simplification.pose_deformation import POSES as HEEDED
 from ...crowd_lod.simplification.pose_deformation import Skin, frames_of
 from ..blender import mesh_data, removal
 from ..blender.animation import armatures_of
@@ -261,7 +261,7 @@ def skin_of(source: Source, frames: Sequence[float]) -> Iterator[None]:
 def _unmoved(source: Source, values: np.ndarray) -> np.ndarray:
     """Return offsets (k, n, 3) at full value of the strongest keys that never move.
 
-    values: (poses, keys). A key that is 0 in all poses never moves. At most MOST are returned.
+    values: (poses, keys). A key that is 0 in all poses never moves. At most HEEDED are returned.
     """
     blocks = source.item.data.shape_keys.key_blocks
     offsets = [
@@ -269,9 +269,7 @@ def _unmoved(source: Source, values: np.ndarray) -> np.ndarray:
         for k, name in enumerate(source.keys)
         if not values[:, k].any()
     ]
-    strongest = sorted(offsets, key=lambda offset: -float((offset**2).sum()))[
-        : settings.CURRENT.poses
-    ]
+    strongest = sorted(offsets, key=lambda offset: -float((offset**2).sum()))[:HEEDED]
     return np.array(strongest).reshape(-1, *source.geometry.points.shape)
 
 

@@ -1,10 +1,8 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.mesh import Mesh
-from crowd_lod_extension.crowd_lod.simplification import settings
+from crowd_lod_extension.crowd_lod.simplification import decimate as decimation
 from crowd_lod_extension.crowd_lod.simplification.decimate import decimate
 from crowd_lod_extension.crowd_lod.simplification.quadrics import quadrics_of
 from crowd_lod_extension.crowd_lod.simplification.triangle_mesh import constrained_edges
@@ -342,7 +340,6 @@ def test_a_mesh_that_is_a_small_part_of_a_character_asks_as_small_a_part_of_the_
     points, triangles = sphere()
     part = decimate(Mesh(points, triangles), 0.2, "part", effort=0.1)
     whole = decimate(Mesh(points, triangles), 0.2, "whole")
-    less = replace(settings.CURRENT, moves=settings.CURRENT.moves // 10)
-    monkeypatch.setattr(settings, "CURRENT", less)
+    monkeypatch.setattr(decimation, "MOVES", decimation.MOVES // 10)
     small = decimate(Mesh(points, triangles), 0.2, "small")
     assert part.points.tobytes() == small.points.tobytes() != whole.points.tobytes()

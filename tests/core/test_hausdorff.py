@@ -2,11 +2,9 @@
 that shares no code with it.
 """
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.simplification import hausdorff, settings
+from crowd_lod_extension.crowd_lod.simplification import hausdorff
 from crowd_lod_extension.crowd_lod.simplification.moving_surface import MovingSurface
 
 
@@ -88,7 +86,7 @@ def test_the_true_distance_over_all_poses_lies_in_the_interval(seed, tolerance, 
     """Bent and bumpy tubes, the coarse one with weights of its own: each is off most in another
     pose.
     """
-    monkeypatch.setattr(settings, "CURRENT", replace(settings.CURRENT, bound_tolerance=tolerance))
+    monkeypatch.setattr(hausdorff, "TOLERANCE", tolerance)
     random = np.random.default_rng(seed)
     surfaces = []
     for rings, segments in ((8, 10), (5, 6)):
@@ -151,7 +149,7 @@ def test_equal_surfaces_are_off_by_no_more_than_the_floor():
     )
     assert (
         found.measured < 1e-12
-        and found.bound == settings.CURRENT.bound_floor * np.ptp(points[:, None], axis=0).max()
+        and found.bound == hausdorff.FLOOR * np.ptp(points[:, None], axis=0).max()
     )
 
 
