@@ -33,10 +33,8 @@ from crowd_lod_extension.crowd_lod.levels.assignment import (
 from crowd_lod_extension.crowd_lod.levels.cost_model import default_costs
 from crowd_lod_extension.crowd_lod.output import files, tables
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.crowd_lod.shot.coloring import plan_phases
-from crowd_lod_extension.crowd_lod.shot.meetings import strides_of
-from crowd_lod_extension.crowd_lod.shot.phases import recast
-from crowd_lod_extension.crowd_lod.shot.recording import FrameRecorder, begin_recording
+from crowd_lod_extension.crowd_lod.shot.coloring import plan_phases, recast, strides_of
+from crowd_lod_extension.crowd_lod.shot.recording import begin_recording
 from crowd_lod_extension.crowd_lod.shot.shot import decide
 from crowd_lod_extension.crowd_lod.shot.shot_cost import Bill, Shot, meshes_of
 from crowd_lod_extension.crowd_lod.shot.survey import SEEN, Survey
@@ -162,12 +160,11 @@ def surveyed(
     )
     films = [camera(f / max(frames - 1, 1)) for f in range(frames)]
     before = None
-    with FrameRecorder(recording) as recorder:
+    with recording:
         for f, film in enumerate(films):
             frame = plan(trajectory, film, POLICY, f + 1)
-            recorder.add(frame, before, RAYS)
+            recording.append(frame, before, RAYS)
             before = frame
-        recorder.finish()
     return recording.make_survey(), films
 
 

@@ -10,12 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from ..animation.phase_classes import Gaits
-from ..crowd.agents import CLASSES, FEWEST_CLASSES
+from ..animation.phase_classes import Gaits, Roles
+from ..crowd.agents import CLASSES, FEWEST_CLASSES, Group
 from ..progress import Workload, open_ended_progress
-from .meetings import Changes, Meetings, changes_of, meetings_of
-from .phases import NEAREST, Phases, palette
-from .survey import SEEN, Survey
+from .phases import NEAREST, Changes, Meetings, Phases, palette
+from .survey import CULLED, SEEN, Survey
 
 VARIETY = 0.05  # of close neighbors, at most, in step: about what CLASSES random classes leave
 WHOLE = 3  # times a palette of FEWEST_CLASSES is doubled: it then has all CLASSES
@@ -27,6 +26,9 @@ LITTLE = 2e-4  # of the weight of all meetings: a round that gains no more is th
 # Times the tolerance, in pixels, by which a change of class may move a foot. Of near agents it may
 # move it by half of one of the CLASSES classes, as a change of pace does anyway.
 JUMP = 2.0
+# A foot stands for more than half of a walk's cycle and swings forward in the rest: per cycle it
+# moves beside the body at this multiple of the stride at most.
+SWING = 2.3
 NEAR = 1, 0  # agents that ever need this LOD or a finer one are near; the first that serves
 
 
@@ -78,7 +80,7 @@ def plan_phases(
     """
     assert survey.roles is not None
     agents = len(survey.group)
-    meetings = meetings_of(survey)
+    meetings = survey.meetings
     changes = changes_of(survey, strides)
     if wearer is not None:
         is_agent = wearer == np.arange(agents)
@@ -105,6 +107,49 @@ def plan_phases(
         meetings.share_in_step(_of_sources(agents, len(family))),
         float(changes.jumps(phases).max(initial=0.0)),
     )
+
+
+def strides_of(groups: Sequence[Group], gaits: Gaits) -> np.ndarray:
+    """Return the stride of what each block plays, (B,) float64 meters; 0 of what is not a walk."""
+    return np.array(
+        [
+            group.action(gaits.actions[action]).stride
+            for group, played in zip(groups, gaits.plays, strict=True)
+            for action, _ in played
+        ]
+    )
+
+
+def changes_of(survey: Survey, strides: np.ndarray) -> Changes:
+    """Return the changes of `survey` from one walk to another; strides: of strides_of.
+
+    What is no walk is in no step that a change could break.
+    """
+    assert survey.roles is not None
+    of_block = survey.roles.block
+    walks = np.append(strides, 0.0)
+    parts = []
+    for block, character, scale in survey.cells.tables(survey.character, survey.scale):
+        is_other = survey.joined(block)
+        is_other[1:] &= character[1:] != character[:-1]
+        f, column = np.nonzero(is_other)
+        pair = np.column_stack((character[f - 1, column], character[f, column]))
+        stride = walks[of_block[pair]]
+        (walking,) = np.nonzero((stride > 0).all(axis=1))
+        pair = pair[walking]
+        pixels = scale[f, column].astype(np.float64)[walking]
+        parts.append(
+            (
+                block.agents[column[walking]],
+                of_block[pair],
+                survey.roles.phase_class[pair],
+                SWING * stride[walking, 1] * pixels,
+            )
+        )
+    if not parts:
+        none = np.empty((0, 2), np.intp)
+        return Changes(none[:, 0], none, none.astype(np.uint8), np.empty(0))
+    return Changes(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
 def _of_sources(agents: int, blocks: int) -> Phases:
@@ -341,3 +386,33 @@ def _costs(
         option_class = NEAREST.ravel()[row + (classes + shift[place]) % CLASSES]
         cost[k] = np.bincount(place, weight * (option_class == theirs), len(is_asked))
     return cost
+
+
+def recast(survey: Survey, phases: Phases) -> Survey:
+    """Return `survey` with the characters that agents show by `phases`."""
+    assert survey.roles is not None
+    character = np.empty_like(survey.character)
+    for cells, new_characters, rows, kind in survey.cells.tables(
+        character, survey.character, survey.kind
+    ):
+        # what an agent shows follows from its character, which few change from frame to frame
+        is_new = np.ones(rows.shape, bool)
+        np.not_equal(rows[1:], rows[:-1], out=is_new[1:])
+        f, column = np.nonzero(is_new)
+        own = rows[f, column]
+        new_characters[f, column] = _recast(survey.roles, phases, cells.agents[column], own)
+        for g in range(1, len(rows)):
+            np.copyto(new_characters[g], new_characters[g - 1], where=~is_new[g])
+        new_characters[kind == CULLED] = 0
+    return replace(survey, character=character)
+
+
+def _recast(roles: Roles, phases: Phases, agents: np.ndarray, character: np.ndarray) -> np.ndarray:
+    """Return the characters (m,) that `agents` (m,) show by `phases`, of what they show without."""
+    block = roles.block[character]
+    (rigged,) = np.nonzero(block >= 0)
+    classes = roles.phase_class[character[rigged]]
+    shown = phases.classes_of(agents[rigged], block[rigged], classes)
+    recast = character.copy()
+    recast[rigged] += (shown.astype(np.int32) - classes).astype(recast.dtype)
+    return recast

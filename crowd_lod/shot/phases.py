@@ -1,17 +1,17 @@
-"""Phase classes of a shot: few of them, chosen so that few close neighbors walk in step.
+"""Phase classes of a shot, the meetings that are in step by them, and the jumps of a change.
 
 An agent's source gives it one of CLASSES classes (animation/phase_classes.py). The shot's plan adds
 a shift to that class, and takes the nearest class of a palette. So the phase still follows from the
 crowd at a time alone, at sub-frames and after changes of pace, too.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
-from ..animation.phase_classes import Gaits, Roles, first_blocks
+from ..animation.phase_classes import Gaits, first_blocks
 from ..crowd.agents import CLASSES, Crowd
-from .survey import CULLED, Survey
 
 
 def palette(count: int) -> np.ndarray:
@@ -73,31 +73,107 @@ class Phases:
         return replace(crowd, phase_class=classes)
 
 
-def recast(survey: Survey, phases: Phases) -> Survey:
-    """Return `survey` with the characters that agents show by `phases`."""
-    assert survey.roles is not None
-    character = np.empty_like(survey.character)
-    for cells, new_characters, rows, kind in survey.cells.tables(
-        character, survey.character, survey.kind
-    ):
-        # what an agent shows follows from its character, which few change from frame to frame
-        is_new = np.ones(rows.shape, bool)
-        np.not_equal(rows[1:], rows[:-1], out=is_new[1:])
-        f, column = np.nonzero(is_new)
-        own = rows[f, column]
-        new_characters[f, column] = _recast(survey.roles, phases, cells.agents[column], own)
-        for g in range(1, len(rows)):
-            np.copyto(new_characters[g], new_characters[g - 1], where=~is_new[g])
-        new_characters[kind == CULLED] = 0
-    return replace(survey, character=character)
+@dataclass(frozen=True)
+class Meetings:
+    """Pairs of agents that are seen close to each other while both play the same.
+
+    pair: (m, 2) int32, agents.
+    block: (m, 2) uint16, what each of them plays (phase_classes.Roles).
+    classes: (m, 2) uint8, the classes of their sources then.
+    frames: (m,) int64, in how many frames of the survey that were looked at.
+    weight: (m,) float64, by nearness and size in pixels, summed over these frames.
+    """
+
+    pair: np.ndarray = field(default_factory=lambda: np.empty((0, 2), np.int32))
+    block: np.ndarray = field(default_factory=lambda: np.empty((0, 2), np.uint16))
+    classes: np.ndarray = field(default_factory=lambda: np.empty((0, 2), np.uint8))
+    frames: np.ndarray = field(default_factory=lambda: np.empty(0, np.int64))
+    weight: np.ndarray = field(default_factory=lambda: np.empty(0))
+
+    def classes_of(self, phases: Phases, side: int) -> np.ndarray:
+        """Return the classes (m,) uint8 that the agents of one side, 0 or 1, show."""
+        return phases.classes_of(self.pair[:, side], self.block[:, side], self.classes[:, side])
+
+    def in_step(self, phases: Phases) -> np.ndarray:
+        """Return which of them have the same class, (m,) bool."""
+        return self.classes_of(phases, 0) == self.classes_of(phases, 1)
+
+    def share_in_step(self, phases: Phases) -> float:
+        """Return the part of the meetings that are in step, 0 without any."""
+        return float(self.frames[self.in_step(phases)].sum() / max(self.frames.sum(), 1))
+
+    def of(self, mask: np.ndarray) -> "Meetings":
+        """Return those of the mask `mask`, (m,) bool."""
+        return Meetings(
+            self.pair[mask],
+            self.block[mask],
+            self.classes[mask],
+            self.frames[mask],
+            self.weight[mask],
+        )
 
 
-def _recast(roles: Roles, phases: Phases, agents: np.ndarray, character: np.ndarray) -> np.ndarray:
-    """Return the characters (m,) that `agents` (m,) show by `phases`, of what they show without."""
-    block = roles.block[character]
-    (rigged,) = np.nonzero(block >= 0)
-    classes = roles.phase_class[character[rigged]]
-    shown = phases.classes_of(agents[rigged], block[rigged], classes)
-    recast = character.copy()
-    recast[rigged] += (shown.astype(np.int32) - classes).astype(recast.dtype)
-    return recast
+def joined_meetings(parts: Sequence[Meetings]) -> Meetings:
+    """Return the meetings of all parts; those of the same agents that play the same are one."""
+    pair, block, classes, frames, weight = (
+        np.concatenate([getattr(part, column.name) for part in parts])
+        for column in fields(Meetings)
+    )
+    key = np.column_stack((pair, block, classes))
+    order = np.lexsort(key.T)
+    key = key[order]
+    begins = np.append(True, (key[1:] != key[:-1]).any(axis=1))[: len(key)]
+    (first,) = np.nonzero(begins)
+    if not len(first):
+        return Meetings()
+    of_each = order[first]
+    return Meetings(
+        pair[of_each],
+        block[of_each],
+        classes[of_each],
+        np.add.reduceat(frames[order], first),
+        np.add.reduceat(weight[order], first),
+    )
+
+
+@dataclass(frozen=True)
+class Changes:
+    """Agents that take another class in sight, as most do that begin to play something else.
+
+    agent: (m,) intp. block: (m, 2) uint16 and classes: (m, 2) uint8, before and after.
+    pixels: (m,) float64, what a jump by a whole cycle would move a foot.
+    """
+
+    agent: np.ndarray
+    block: np.ndarray
+    classes: np.ndarray
+    pixels: np.ndarray
+
+    def of(self, mask: np.ndarray) -> "Changes":
+        """Return those of the mask `mask`, (m,) bool."""
+        return Changes(self.agent[mask], self.block[mask], self.classes[mask], self.pixels[mask])
+
+    def jumps(self, phases: Phases) -> np.ndarray:
+        """Return by how many pixels each change moves a foot, (m,) float64.
+
+        Beside what the change moves with all CLASSES classes.
+        """
+        ahead = np.empty(self.classes.shape)
+        for side in (0, 1):
+            own = (self.classes[:, side] + phases.shift[self.agent]) % CLASSES
+            shown = phases.classes_of(self.agent, self.block[:, side], self.classes[:, side])
+            ahead[:, side] = (shown.astype(np.int16) - own + CLASSES // 2) % CLASSES
+        return self.pixels * np.abs(ahead[:, 1] - ahead[:, 0]) / CLASSES
+
+    def refined(self, phases: Phases, mask: np.ndarray) -> Phases:
+        """Return `phases` with finer palettes of the agents of the mask `mask`, (m,) bool.
+
+        Until they change they show the class that they have shown.
+        """
+        agent = self.agent[mask]
+        classes = self.classes[mask, 0]
+        shift = phases.shift.copy()
+        finer = phases.finer.copy()
+        shift[agent] = (phases.classes_of(agent, self.block[mask, 0], classes) - classes) % CLASSES
+        finer[agent] = phases.finer[agent] + 1
+        return replace(phases, shift=shift, finer=finer)

@@ -3,8 +3,8 @@
 import mmap
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
@@ -14,8 +14,7 @@ from ..errors import CrowdError
 from ..frame.frame import Frame
 from ..progress import check_cancelled, starting_threads
 from .blur import blur_of
-from .cells import Cells
-from .neighbors import close_pairs
+from .phases import Meetings, joined_meetings
 from .survey import (
     AT_ONCE,
     CULLED,
@@ -23,7 +22,7 @@ from .survey import (
     SEEN,
     SHADOW,
     Cause,
-    Encounters,
+    Cells,
     Survey,
     at_once,
     coarsest_within,
@@ -42,7 +41,7 @@ MOST_BYTES = 16 * 2**30  # of a survey
 
 
 @dataclass(frozen=True)
-class FrameRecord:
+class _FrameRecord:
     """What a survey knows of one frame, of m agents that are not culled; else as in Survey.
 
     present: (n / 8,) uint8, a bit for each agent: whether it is one of them. Their numbers would
@@ -59,13 +58,13 @@ class FrameRecord:
     hidden: int
     entered: np.ndarray
     left: np.ndarray
-    encounters: Encounters
+    meetings: Meetings
     blurred: bool
 
 
 @dataclass
 class SurveyRecording:
-    """A survey that is being made.
+    """A survey that is being made, in a thread of its own: a context that ends it.
 
     tolerance: pixels, by which a LOD may deviate besides as many as its agent is blurred wide; None
         where LODs are chosen otherwise.
@@ -85,25 +84,46 @@ class SurveyRecording:
     meters: float = 1.0
     tolerance: float | None = None
     bounds: np.ndarray | None = None
-    records: list[FrameRecord] = field(default_factory=list)
+    records: list[_FrameRecord] = field(default_factory=list)
+    _pool: ThreadPoolExecutor = field(default_factory=lambda: ThreadPoolExecutor(1))
+    _last: Future[None] | None = None
 
-    def add(
+    def __enter__(self) -> "SurveyRecording":
+        return self
+
+    def __exit__(self, error: object, *_: object) -> None:
+        with self._pool:
+            if error is None:
+                self._wait()
+
+    def append(
         self, frame: Frame, before: Frame | None = None, rays: float = 0.0, cut: bool = False
     ) -> None:
-        """Record the next frame.
+        """Record the next frame, beside the work on the one after it.
 
         before: the frame before it; None for the first.
         rays: samples of the pixels that agents cover.
         cut: whether another camera films than in the frame before.
         CrowdError if the frame has another number of agents than the survey.
         """
+        self._wait()
+        number = self.numbers[len(self.records)]
         if len(frame.crowd) != len(self.group):
             raise CrowdError(
-                f"The crowd has {len(frame.crowd):,} agents in frame "
-                f"{self.numbers[len(self.records)]}, and {len(self.group):,} before: "
-                "its number must not change during a shot."
+                f"The crowd has {len(frame.crowd):,} agents in frame {number}, and "
+                f"{len(self.group):,} before: its number must not change during a shot."
             )
+        with starting_threads():
+            self._last = self._pool.submit(self._record, frame, before, rays, cut)
+
+    def _record(self, frame: Frame, before: Frame | None, rays: float, cut: bool) -> None:
         self.records.append(_record(self, frame, before, rays, cut))
+
+    def _wait(self) -> None:
+        """Wait for the frame that was appended last."""
+        if self._last is not None:
+            self._last.result()
+            self._last = None
 
     def make_survey(self) -> Survey:
         """Return the survey. The records are used up: memory holds no frame twice."""
@@ -111,7 +131,6 @@ class SurveyRecording:
         cells = _cells_of(records, len(self.group))
         names = "kind", "coarsest", "scale", "character"
         columns = {name: np.zeros(cells.count, _type_of(self, name)) for name in names}
-        close = [record.encounters for record in records]
         whole = {
             name: np.array([getattr(record, name) for record in records])
             for name in ("rays", "hidden")
@@ -129,12 +148,7 @@ class SurveyRecording:
             left=[record.left for record in records],
             blurred=any(record.blurred for record in records),
             roles=self.roles,
-            encounters=Encounters(
-                *(
-                    np.concatenate([getattr(pairs, column.name) for pairs in close])
-                    for column in fields(Encounters)
-                )
-            ),
+            meetings=joined_meetings([record.meetings for record in records]),
         )
         for f in range(len(records) - 1, -1, -1):
             check_cancelled()
@@ -184,34 +198,6 @@ def begin_recording(
     )
 
 
-class FrameRecorder:
-    """Records frames beside the work on the next frame, in a thread of its own."""
-
-    def __init__(self, recording: SurveyRecording) -> None:
-        self.recording = recording
-        self._pool = ThreadPoolExecutor(1)
-        self._last: Future[None] | None = None
-
-    def __enter__(self) -> "FrameRecorder":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._pool.shutdown(cancel_futures=True)
-
-    def add(self, *about: Any) -> None:
-        """Record one frame; `about` are the arguments of `SurveyRecording.add`. Errors are those of the
-        frame before.
-        """
-        self.finish()
-        with starting_threads():
-            self._last = self._pool.submit(self.recording.add, *about)
-
-    def finish(self) -> None:
-        """Wait for the last frame."""
-        if self._last is not None:
-            self._last.result()
-
-
 def _type_of(recording: SurveyRecording, name: str) -> np.dtype:
     if name == "scale":
         return np.dtype(np.float16)
@@ -219,7 +205,7 @@ def _type_of(recording: SurveyRecording, name: str) -> np.dtype:
     return np.min_scalar_type(most)
 
 
-def _cells_of(records: Sequence[FrameRecord], agents: int) -> Cells:
+def _cells_of(records: Sequence[_FrameRecord], agents: int) -> Cells:
     """Return the cells of these frames of so many agents."""
     number = np.min_scalar_type(len(records))
     first = np.zeros(agents, number)
@@ -232,14 +218,14 @@ def _cells_of(records: Sequence[FrameRecord], agents: int) -> Cells:
     return Cells(first, last)
 
 
-def _unpacked(record: FrameRecord, agents: int) -> np.ndarray:
+def _unpacked(record: _FrameRecord, agents: int) -> np.ndarray:
     """Return which of so many agents are not culled, (n,) bool."""
     return np.unpackbits(record.present, count=agents).view(bool)
 
 
 def _record(
     recording: SurveyRecording, frame: Frame, before: Frame | None, rays: float, cut: bool
-) -> FrameRecord:
+) -> _FrameRecord:
     """Return what the survey knows of the planned `frame`."""
     kinds = np.zeros(len(frame.crowd), np.uint8)
     levels = np.zeros(len(frame.crowd), np.uint8)
@@ -271,13 +257,13 @@ def _record(
         scale[is_blurred] = _rounded_up(scale[is_blurred] * sharpness)
         bounds = recording.bounds[recording.group[agents[is_blurred]]]
         coarsest[is_blurred] = coarsest_within(scale[is_blurred], bounds, recording.tolerance)
-    encounters = Encounters()
+    meetings = Meetings()
     if recording.roles is not None and len(recording.records) % MEET_EVERY == 0:
         is_rigged = recording.roles.block[character] >= 0
         (near,) = np.nonzero(is_seen & (coarsest <= MEET_LEVEL) & is_rigged)
-        encounters = _close(recording, frame, agents[near], scale[near], character[near])
+        meetings = _find_meetings(recording, frame, agents[near], scale[near], character[near])
     entered, left = _clipped_between(frame, None if cut else before)
-    return FrameRecord(
+    return _FrameRecord(
         present=_mapped(np.packbits(present)),
         kind=_mapped(present_kinds),
         coarsest=_mapped(coarsest),
@@ -288,7 +274,7 @@ def _record(
         hidden=0 if frame.hidden is None else int((frame.hidden & ~present).sum()),
         entered=entered,
         left=left,
-        encounters=encounters,
+        meetings=meetings,
         blurred=bool(is_blurred.any()),
     )
 
@@ -304,24 +290,26 @@ def _mapped(values: np.ndarray) -> np.ndarray:
     return copy
 
 
-def _close(
+def _find_meetings(
     recording: SurveyRecording,
     frame: Frame,
     agents: np.ndarray,
     scale: np.ndarray,
     character: np.ndarray,
-) -> Encounters:
-    """Return the encounters of `agents` (m,), of which each has a scale and a character, (m,)."""
+) -> Meetings:
+    """Return the meetings of `agents` (m,), of which each has a scale and a character, (m,)."""
     roles = recording.roles
     assert roles is not None
     place = recording.meters * np.column_stack(frame.crowd.places(agents=agents))
     most = MOST_MEETINGS * MEET_EVERY // len(recording.times)
-    family = roles.family[roles.block[character]]
-    pairs, apart = close_pairs(place, family, MEET_REACH, most)
+    block = roles.block[character]
+    pairs, apart = close_pairs(place, roles.family[block], MEET_REACH, most)
     nearness = (1 / np.maximum(apart, BESIDE)).astype(np.float32)
-    return Encounters(
+    return Meetings(
         agents[pairs].astype(np.int32),
-        character[pairs].astype(np.uint16),
+        block[pairs].astype(np.uint16),
+        roles.phase_class[character[pairs]],
+        np.ones(len(pairs), np.int64),
         nearness * scale[pairs[:, 0]].astype(np.float64),
     )
 
@@ -379,3 +367,47 @@ def _rounded_up(values: np.ndarray) -> np.ndarray:
     bits = scale.view(np.uint16)  # the next number of a positive one has the next bits
     bits += scale < values
     return scale
+
+
+def close_pairs(
+    place: np.ndarray, kind: np.ndarray, reach: float, most: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return pairs of points of one kind, at most `reach` apart: (pairs (m, 2), distances (m,)).
+
+    place: (n, 3) meters. kind: (n,) whole numbers from 0 on. Pairs are intp, each is there once.
+    most: of the pairs that are looked at; of a denser crowd every k-th point is asked for its
+        neighbors.
+
+    Points are sorted into square cells as wide as `reach`, row by row, a map for each kind. Those
+    near a point then lie in two runs: what follows it up to the next cell of its row, and three
+    cells of the row above.
+    """
+    cells = np.floor((place[:, :2] - place[:, :2].min(axis=0, initial=0.0)) / reach).astype(int) + 1
+    columns, rows = cells.max(axis=0, initial=0) + 2
+    cell = (kind.astype(int) * rows + cells[:, 1]) * columns + cells[:, 0]
+    narrow = cell.astype(np.min_scalar_type(cell.max(initial=0)))  # 16 bits are sorted by radix
+    order = np.argsort(narrow, kind="stable")
+    cell = cell[order]
+    first = np.flatnonzero(np.diff(cell, prepend=-1))  # of each cell's points
+    count = np.diff(np.append(first, len(cell)))
+
+    def find(aside: int, side: Literal["left", "right"]) -> np.ndarray:
+        return np.repeat(np.searchsorted(cell, cell[first] + aside, side), count)
+
+    begins = np.arange(len(cell)) + 1, find(columns - 1, "left")
+    ends = find(1, "right"), find(columns + 1, "right")
+    runs = [(begin, np.maximum(end - begin, 0)) for begin, end in zip(begins, ends, strict=True)]
+    every = sum(int(length.sum()) for _, length in runs) // max(most, 1) + 1
+    asked = np.arange(0, len(cell), every)
+    partners = [_expanded(asked, begin[asked], length[asked]) for begin, length in runs]
+    pairs = order[np.concatenate(partners)]
+    apart = np.linalg.norm(place[pairs[:, 0]] - place[pairs[:, 1]], axis=1)
+    close = apart <= reach
+    return pairs[close], apart[close]
+
+
+def _expanded(points: np.ndarray, begin: np.ndarray, length: np.ndarray) -> np.ndarray:
+    """Return (m, 2) intp: each of `points` with each of the numbers of its run."""
+    ends = np.cumsum(length)
+    in_run = np.arange(ends[-1] if len(ends) else 0) - np.repeat(ends - length, length)
+    return np.column_stack((np.repeat(points, length), np.repeat(begin, length) + in_run))

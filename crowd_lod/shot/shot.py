@@ -13,8 +13,8 @@ import numpy as np
 
 from ..levels import cost_model
 from ..progress import Workload
-from .cells import TOGETHER, Block
 from .shot_cost import NOTICED, UNSEEN, Bill, Shot, work_in
+from .survey import TOGETHER, Block
 
 # agents from which the weight of switches is found, or a hundredth of many; where they share meshes
 SAMPLE = 2000

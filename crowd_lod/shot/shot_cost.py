@@ -17,8 +17,7 @@ from ..levels.cost_model import (
     stored_triangles,
     work_of,
 )
-from .cells import Block
-from .survey import SEEN, Survey
+from .survey import SEEN, Block, Survey
 
 # pixels as which any switch in sight counts, besides those by which it changes the picture
 NOTICED = 0.25

@@ -21,11 +21,9 @@ from ...crowd_lod.progress import Workload, run_in_thread, run_steps_in_thread
 from ...crowd_lod.shot import plan_file
 from ...crowd_lod.shot.budget import BudgetPlan, decide_within
 from ...crowd_lod.shot.budget_points import BudgetPoint, budget_sentence, find_points, fitting_point
-from ...crowd_lod.shot.coloring import PhasePlan, plan_phases
+from ...crowd_lod.shot.coloring import PhasePlan, plan_phases, recast, strides_of
 from ...crowd_lod.shot.curve import curve_of
-from ...crowd_lod.shot.meetings import strides_of
 from ...crowd_lod.shot.overrides import LodOverride, override_levels, override_survey
-from ...crowd_lod.shot.phases import recast
 from ...crowd_lod.shot.shot_cost import Shot, meshes_of
 from ...crowd_lod.shot.survey import Survey
 from ...crowd_lod.shot.switches import noticed

@@ -13,7 +13,7 @@ from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.frame.planned import numbers_of
 from ...crowd_lod.progress import Workload, run_in_thread
-from ...crowd_lod.shot.recording import FrameRecorder, SurveyRecording, begin_recording
+from ...crowd_lod.shot.recording import SurveyRecording, begin_recording
 from ...crowd_lod.shot.shot_cost import meshes_of
 from ...crowd_lod.shot.survey import Survey
 from ..blender import cameras, evaluation, scene_data
@@ -58,7 +58,7 @@ def survey_of(crowd: SceneCrowd, frames: Sequence[int]) -> Generator[float, None
     before: Frame | None = None
     took = Counter()
     work = Workload((WALK + PLAN + RECORD) * len(frames))
-    with evaluation.step_frames(scene) as at, FrameRecorder(recording) as recorder:
+    with evaluation.step_frames(scene) as at, recording:
         for f, time in enumerate(times):
             yield from work.take(approach(crowd.trajectory, time), WALK)
             moment = lights.read_moment(scene, time, at)
@@ -70,12 +70,11 @@ def survey_of(crowd: SceneCrowd, frames: Sequence[int]) -> Generator[float, None
             film = cameras.bound_camera(scene, time)
             cut = f > 0 and film != cameras.bound_camera(scene, times[f - 1])
             samples = scene_data.samples_of(scene) * frame.covered()
-            recorder.add(frame, before, samples, cut)
+            recording.append(frame, before, samples, cut)
             views.append(numbers_of(moment.eyes))
             took.update(frame.milliseconds)
             before = frame
             yield work.did(PLAN)
-        recorder.finish()
     if len({numbers.shape for numbers in views}) > 1:
         raise CrowdError(
             "The number of the camera's eyes changes during the shot: plan the frames of each "

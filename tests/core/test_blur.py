@@ -81,7 +81,8 @@ def test_lods_are_coarser_by_the_blur_and_no_more(crowd):
     recordings[1].tolerance = 1.0
     recordings[1].bounds = np.array([GROUP.bounds])
     for recording in recordings:
-        recording.add(frame)
+        with recording:
+            recording.append(frame)
     plain, blurred = (recording.make_survey() for recording in recordings)
     blur = blur_of(frame, np.arange(len(PLACES)))
     coarser = 0

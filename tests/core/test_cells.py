@@ -7,11 +7,10 @@ import pytest
 from crowd_lod_extension.crowd_lod.levels.budget_fit import Budget
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.shot.budget import decide_within
-from crowd_lod_extension.crowd_lod.shot.cells import Cells
 from crowd_lod_extension.crowd_lod.shot.curve import hysteresis
 from crowd_lod_extension.crowd_lod.shot.shot import by_character, decide
 from crowd_lod_extension.crowd_lod.shot.shot_cost import Bill
-from crowd_lod_extension.crowd_lod.shot.survey import CULLED, MIRRORED, SEEN, SHADOW
+from crowd_lod_extension.crowd_lod.shot.survey import CULLED, MIRRORED, SEEN, SHADOW, Cells
 from crowd_lod_extension.crowd_lod.shot.switches import noticed
 
 from ..support.surveys import BOUNDS, Grid, some_shot

@@ -35,8 +35,9 @@ def events(before, after):
     cast = Cast(np.zeros(1, np.intp))
     recording = begin_recording([1, 2], [1.0, 1.0], people.group, cast.first(crowd.gaits), cast)
     frames = [plan(crowd, camera, LevelPolicy((0.3, 0.6)), 1.0) for camera in (before, after)]
-    recording.add(frames[0])
-    recording.add(frames[1], frames[0])
+    with recording:
+        recording.append(frames[0])
+        recording.append(frames[1], frames[0])
     survey = recording.make_survey()
     return [survey.entered[1].tolist(), survey.left[1].tolist()]
 

@@ -9,16 +9,15 @@ from crowd_lod_extension.crowd_lod.animation.phase_classes import Cast, first_bl
 from crowd_lod_extension.crowd_lod.crowd.agents import CLASSES
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.shot import coloring
-from crowd_lod_extension.crowd_lod.shot.coloring import plan_phases
-from crowd_lod_extension.crowd_lod.shot.meetings import (
-    Meetings,
+from crowd_lod_extension.crowd_lod.shot.coloring import (
     changes_of,
-    meetings_of,
+    plan_phases,
+    recast,
     strides_of,
 )
-from crowd_lod_extension.crowd_lod.shot.neighbors import close_pairs
-from crowd_lod_extension.crowd_lod.shot.phases import NEAREST, Phases, palette, recast
-from crowd_lod_extension.crowd_lod.shot.survey import SEEN, Encounters
+from crowd_lod_extension.crowd_lod.shot.phases import NEAREST, Meetings, Phases, palette
+from crowd_lod_extension.crowd_lod.shot.recording import MEET_EVERY, close_pairs
+from crowd_lod_extension.crowd_lod.shot.survey import SEEN
 
 from ..support.plaza_shot import cast_of_rigs, plaza_shot
 
@@ -184,7 +183,7 @@ def ring_of(agents):
 
 def test_what_meets_nobody_has_the_fewest_classes(shot):
     trajectory, survey = shot
-    alone = replace(survey, encounters=Encounters())
+    alone = replace(survey, meetings=Meetings())
     plan = finished(plan_phases(alone, strides_of(trajectory.groups, trajectory.gaits), 1.0))
     assert (plan.phases.counts == coloring.FEWEST_CLASSES).all() and plan.in_step == 0
 
@@ -200,9 +199,11 @@ def test_groups_that_are_posed_keep_their_characters(shot):
 
 def test_meetings_are_counted_by_frames(shot):
     _, survey = shot
-    meetings = meetings_of(survey)
-    assert meetings.frames.sum() == len(survey.encounters.pair)
-    assert len(meetings.pair) < meetings.frames.sum()
+    meetings = survey.meetings
+    looked_at = len(survey.numbers[::MEET_EVERY])
+    assert 1 < meetings.frames.max() <= looked_at and meetings.frames.min() == 1
+    played = np.column_stack((meetings.pair, meetings.block, meetings.classes))
+    assert len(np.unique(played, axis=0)) == len(played)
 
 
 def test_near_agents_take_few_classes_of_their_palettes():

@@ -8,7 +8,7 @@ from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, window
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
-from crowd_lod_extension.crowd_lod.shot.recording import FrameRecorder, begin_recording
+from crowd_lod_extension.crowd_lod.shot.recording import begin_recording
 from crowd_lod_extension.crowd_lod.world.first_frame import populate
 from crowd_lod_extension.sample_scenes import plaza_map
 
@@ -39,11 +39,10 @@ def plaza_shot(agents, frames):
     first = cast.first(gaits)
     roles = cast.roles(gaits)
     recording = begin_recording(frames, frames, crowd.group, first, cast, roles)
-    with FrameRecorder(recording) as recorder:
+    with recording:
         for f, time in enumerate(frames):
             frame = plan(trajectory, camera(f / len(frames)), POLICY, time)
-            recorder.add(frame)
-        recorder.finish()
+            recording.append(frame)
     return trajectory, recording.make_survey()
 
 

@@ -4,7 +4,6 @@ from itertools import product
 
 import numpy as np
 from crowd_lod_extension.crowd_lod.levels.cost_model import default_costs
-from crowd_lod_extension.crowd_lod.shot.cells import Cells
 from crowd_lod_extension.crowd_lod.shot.shot_cost import Meshes, Shot
 from crowd_lod_extension.crowd_lod.shot.survey import (
     AT_ONCE,
@@ -12,6 +11,7 @@ from crowd_lod_extension.crowd_lod.shot.survey import (
     MIRRORED,
     SEEN,
     SHADOW,
+    Cells,
     Survey,
     at_tolerance,
 )
