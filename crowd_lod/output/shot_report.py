@@ -14,7 +14,7 @@ from ..shot.budget import BudgetPlan
 from ..shot.coloring import PhasePlan
 from ..shot.curve import Curve, of_full_detail
 from ..shot.shot import ShotPlan
-from ..shot.shot_cost import Shot
+from ..shot.shot_cost import Bill, Shot
 from ..shot.survey import SEEN
 from ..shot.switches import NOTHING
 from ..shot.verdict import Verdict
@@ -85,14 +85,18 @@ def lead_of(report: ShotReport) -> str:
     _, triangles, memory = of_full_detail(report.shot, bill)
     frames = len(report.numbers)
     engine = NAMES[report.shot.costs.engine]
-    planned = counted(int(bill.switches.sum()), "time")
-    by_distance = counted(int(before.switches.sum()), "time")
     return (
         f"{counted(frames, 'frame')} of {report.people} for {engine}. The plan takes "
         f"{triangles:.1%} of the triangles and {memory:.0%} of the memory that full detail takes, "
-        f"and changes LODs {planned} in sight. Thresholds, frame by frame, change them "
-        f"{by_distance} and cost {_less(bill.above(before))}. {_in_step(report)}"
+        f"and changes LODs {count_switches(bill)} in sight. Thresholds, frame by frame, change "
+        f"them {count_switches(before)} and cost {_less(bill.above(before))}. {_in_step(report)}"
     )
+
+
+def count_switches(bill: Bill) -> str:
+    """Return how often LODs change in sight, and the sum of the pixels that this changes."""
+    times = counted(int(bill.switches.sum()), "time")
+    return f"{times} ({number(float(bill.pixels.sum()))} px in all)"
 
 
 def _in_step(report: ShotReport) -> str:

@@ -16,16 +16,25 @@ from ..levels.budget_fit import Budget
 from ..levels.cost_model import price
 from ..levels.least_tolerance import least_tolerance
 from ..progress import Workload, open_ended_progress
-from .shot import ShotPlan, decide, decided, objective, shared_table, solutions
+from .shot import (
+    Limit,
+    ShotPlan,
+    Solution,
+    decide,
+    decided,
+    limit_of,
+    objective,
+    search_weight,
+    shared_table,
+    ways_of,
+)
 from .shot_cost import Bill, Shot, work_in
 from .survey import at_tolerance
 
 SPARE = 1.04  # factor of the least tolerance: without room a plan would follow every trembling
-STEPS = 9  # of the search for the weight of switches
 BISECTIONS = 6  # after which the search for the tolerance is about half done
 # About what the parts cost: a plan without limits, the least tolerance, a plan within the limits
 PLANNED, TOLERATED, FITTED = 3.0, 1.0, 4.0
-LEAST = 4.0**-6  # the least weight of the search, as a part of the plan's
 
 
 @dataclass(frozen=True)
@@ -114,7 +123,7 @@ def decide_within(
     if tolerance:
         plan = yield from work.take(decide(wide, pop_reduction), PLANNED)
     work.announce(FITTED)
-    found = yield from work.take(_within(wide, limits, plan), FITTED)
+    found = yield from work.take(_within(wide, limits, limit_of(wide, pop_reduction)), FITTED)
     least = objective(plan.bill, plan.weight) / (1 + plan.bound)
     bound = objective(found, plan.weight) / least - 1 if least > 0 else 0.0
     return BudgetPlan(found.levels, found, thresholds, plan.weight, bound, tolerance)
@@ -172,53 +181,38 @@ def _least_tolerance(shot: Shot, limits: _BudgetLimits) -> Generator[float, None
     return (yield from open_ended_progress(least_tolerance(fits, low, high), BISECTIONS))
 
 
-def _within(shot: Shot, limits: _BudgetLimits, plan: ShotPlan) -> Generator[float, None, Bill]:
+def _within(shot: Shot, limits: _BudgetLimits, limit: Limit) -> Generator[float, None, Bill]:
     """Decide on the shot within the limits: yield the progress, return the bill.
 
     shot: with LODs of which the coarsest are within the limits.
-    plan: of the shot without limits.
+    limit: what its plan may cost without a budget.
 
-    The less switches weigh, the nearer are the LODs to the coarsest. Of all bills within the limits
-    that the search for the largest weight comes upon, the one that costs least by the plan's weight
-    is returned.
+    The less switches weigh, the nearer are the LODs to the coarsest. Of what the ways to share
+    meshes lead to, the bill is returned whose switches are noticed least.
     """
     coarsest = Bill(shot, shot.coarsest)
-    within = [found for found in (coarsest, plan.bill) if limits.hold(shot, found.agents_shown)]
-    low = LEAST * plan.weight
-    high = plan.weight
-    weight = high
-    work = Workload(STEPS)
-    for _ in range(STEPS):
-        bills = yield from work.take(_solutions(shot, plan.thresholds, weight, coarsest), 1)
-        within += [found for found in bills if limits.hold(shot, found.agents_shown)]
-        if limits.hold(shot, _cheapest(bills, weight).agents_shown):
-            low = weight
-        else:
-            high = weight
-        if low == high:
-            break
-        weight = float(np.sqrt(low * high))
-    return _cheapest(within, plan.weight)
 
+    def fits(found: Bill) -> bool:
+        return limit.holds(found) and limits.hold(shot, found.agents_shown)
 
-def _solutions(
-    shot: Shot, thresholds: Bill, weight: float, coarsest: Bill
-) -> Generator[float, None, list[Bill]]:
-    """Return the bills of `solutions`, and where meshes cost much one more.
+    def share_coarsest(
+        shot: Shot, thresholds: Bill, weight: float
+    ) -> Generator[float, None, Solution]:
+        """Let the meshes that the coarsest LODs show cost next to nothing.
 
-    In that one the meshes that the coarsest LODs show cost next to nothing: a limit of memory may
-    leave out all others. Yields the progress.
-    """
-    solving = solutions(shot, thresholds, weight)
-    if not thresholds.meshes_matter:
-        bills, _ = yield from solving
-        return bills
-    work = Workload(2 + 1)  # rounds
-    bills, _ = yield from work.take(solving, 2)
-    table = shared_table(shot, thresholds, coarsest)
-    levels, _ = yield from work.take(decided(shot, table, weight), 1)
-    return [*bills, Bill(shot, levels)]
+        A limit of memory may leave out all others.
+        """
+        levels, _ = yield from decided(shot, shared_table(shot, thresholds, coarsest), weight)
+        return Solution(Bill(shot, levels), weight)
 
-
-def _cheapest(bills: list[Bill], weight: float) -> Bill:
-    return min(bills, key=lambda found: objective(found, weight))
+    ways = ways_of(limit.thresholds)
+    if limit.thresholds.meshes_matter:
+        ways = (*ways, share_coarsest)
+    within = [coarsest]
+    work = Workload(len(ways))
+    for way in ways:
+        searching = search_weight(way, limit.thresholds, fits)
+        _, solution = yield from work.take(searching, 1)
+        if solution is not None:
+            within.append(solution.bill)
+    return min(within, key=lambda found: found.noticed)

@@ -86,8 +86,8 @@ def curve_of(shot: Shot, plan: ShotPlan, tolerance: float | None) -> Generator[f
     work = Workload(SWEPT + len(WEIGHTS))
     yield work.did(SWEPT)
     for factor in WEIGHTS:
-        other, _ = yield from work.take(solved(sample, thresholds, factor * plan.weight), 1)
-        made = point("pop_reduction", other)
+        other = yield from work.take(solved(sample, thresholds, factor * plan.weight), 1)
+        made = point("pop_reduction", other.bill)
         if made not in points and replace(made, kind="plan") not in points:
             points.append(made)
     return Curve(len(survey.group), points)

@@ -14,7 +14,7 @@ import numpy as np
 from ..errors import CrowdError
 from ..frame.frame import Frame
 from ..frame.planned import HIDDEN, OVERRIDDEN, PINNED, with_row
-from .survey import SEEN, Survey
+from .survey import SEEN, Cause, Survey, at_once
 
 TYPES = ("NEVER_COARSER", "ALWAYS", "HIDE")
 NEVER_COARSER, ALWAYS, HIDE = TYPES
@@ -218,9 +218,13 @@ def override_survey(survey: Survey, overrides: Sequence[LodOverride]) -> Survey:
         shows = np.zeros(len(hidden), bool)
         shows[agents] = survey.kind[cells] == SEEN
         appears = np.flatnonzero(was_hidden & shows & ~hidden & (not survey.cuts[f]))
-        survey.entered[f] = np.union1d(survey.entered[f][~hidden[survey.entered[f]]], appears)
+        entered = survey.entered[f]
+        entered = entered[~hidden[entered["agent"]]]
+        appears = np.setdiff1d(appears, entered["agent"])
+        entered = np.append(entered, at_once(appears, Cause.OVERRIDE))
+        survey.entered[f] = entered[np.argsort(entered["agent"])]
         gone = survey.left[f]
-        survey.left[f] = gone[~(hidden | was_hidden)[gone]]
+        survey.left[f] = gone[~(hidden | was_hidden)[gone["agent"]]]
         was_hidden = shows & hidden
         hidden_cells = cells[hidden[agents]]
         for column in (survey.kind, survey.coarsest, survey.scale, survey.character):

@@ -16,7 +16,18 @@ from ..progress import check_cancelled, starting_threads
 from .blur import blur_of
 from .cells import Cells
 from .neighbors import close_pairs
-from .survey import CULLED, MIRRORED, SEEN, SHADOW, Encounters, Survey, coarsest_within
+from .survey import (
+    AT_ONCE,
+    CULLED,
+    MIRRORED,
+    SEEN,
+    SHADOW,
+    Cause,
+    Encounters,
+    Survey,
+    at_once,
+    coarsest_within,
+)
 
 DISTANCES = RadarOptions(cull=False)
 MOST_SCALE = float(np.finfo(np.float16).max)
@@ -316,16 +327,16 @@ def _close(
 
 
 def _clipped_between(frame: Frame, before: Frame | None) -> tuple[np.ndarray, np.ndarray]:
-    """Return (who enters, who leaves) by the near or far clip since the frame before."""
+    """Return (who enters, who leaves) by a clip since the frame before, each (m,) AT_ONCE."""
     if before is None:
-        return np.empty(0, np.intp), np.empty(0, np.intp)
+        return np.empty(0, AT_ONCE), np.empty(0, AT_ONCE)
     entered = np.flatnonzero(frame.visible & ~before.visible)
     left = np.flatnonzero(before.visible & ~frame.visible)
     return _clipped(before, entered), _clipped(frame, left)
 
 
 def _clipped(frame: Frame, agents: np.ndarray) -> np.ndarray:
-    """Return those of `agents` (m,) that the near or far clip alone culls in the frame.
+    """Return those of `agents` (m,) that the near or far clip alone culls in the frame, AT_ONCE.
 
     Not who stands beside the picture, or behind the camera.
     """
@@ -335,8 +346,9 @@ def _clipped(frame: Frame, agents: np.ndarray) -> np.ndarray:
     unclipped = replace(camera, near=near, far=np.inf)
     is_inside, depth = radar(frame.crowd, unclipped, spheres.center, spheres.reach, agents=agents)
     reach = spheres.reach[frame.crowd.group[agents]]
-    is_clipped = (depth + reach < camera.near) | (depth - reach > camera.far)
-    return agents[is_inside & is_clipped]
+    is_near = depth + reach < camera.near
+    is_clipped = is_inside & (is_near | (depth - reach > camera.far))
+    return at_once(agents, np.where(is_near, Cause.NEAR, Cause.FAR))[is_clipped]
 
 
 def scale_of(frame: Frame, agents: np.ndarray) -> np.ndarray:

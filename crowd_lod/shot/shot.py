@@ -6,7 +6,7 @@ change the picture. A mesh that a frame shows costs once, however many agents sh
 docs/notes/shot_plan.md on how that cost is shared, and on the lower bound.
 """
 
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -191,74 +191,81 @@ class ShotPlan:
 def decide(shot: Shot, pop_reduction: float = 0.05) -> Generator[float, None, ShotPlan]:
     """Decide on all LODs of the shot: yield the progress, return the ShotPlan.
 
-    pop_reduction: the part by which time, memory and instances may cost more than the cheapest
+    pop_reduction: the part by which time, memory and instances may cost more than the thresholds'
         LODs, to avoid switches in sight. 0 still avoids those that cost nothing.
+
+    Of the plans that the WAYS to share meshes lead to, it is the one whose switches are noticed
+    least. It has no more switches than thresholds have, and changes no more pixels by them, unless
+    that costs more or a switch would show more than `Shot.allowed` lets it.
     """
-    limit = _limit(shot, pop_reduction)
+    limit = limit_of(shot, pop_reduction)
     # where agents share meshes that cost much, few agents would share them less
     few = SHARING if limit.thresholds.meshes_matter else SAMPLE
     sample, _ = sampled(shot, max(few, len(shot.survey.group) // 100))
-    sample_limit = limit if sample is shot else _limit(sample, pop_reduction)
-    work = Workload(SEARCHED + SOLVED + BOUNDED)
-    weight, solution = yield from work.take(_search_weight(sample_limit), SEARCHED)
-    for step in range(STEPS):
-        if solution is None or step or sample is not shot:
-            # few plans are solved again: the progress stands meanwhile
-            solving = solved(shot, limit.thresholds, weight)
-            solution = yield from work.take(solving, 0.0 if step else SOLVED)
-        plan_bill, shared = solution
-        if limit.holds(plan_bill) or step == STEPS - 1:
-            break
-        weight /= 1.5  # the sample promised more than the whole keeps
-    if not limit.holds(plan_bill):
-        plan_bill = Bill(shot, limit.levels)
+    sample_limit = limit if sample is shot else limit_of(sample, pop_reduction)
+    ways = ways_of(limit.thresholds)
+    work = Workload((SEARCHED + SOLVED) * len(ways) + BOUNDED)
+    found = []
+    for way in ways:
+        searching = _least_noticed(way, limit, sample_limit)
+        found.append((yield from work.take(searching, SEARCHED + SOLVED)))
+    best = min(found, key=limit.rank)
+    if limit.is_broken_by(best.bill):
+        best = replace(best, bill=Bill(shot, shot.coarsest))
     work.announce(BOUNDED)
-    least = yield from work.take(lower_bound(shot, weight, shared), BOUNDED)
-    paid = objective(plan_bill, weight)
+    bounding = lower_bound(shot, best.weight, best.shared)
+    least = yield from work.take(bounding, BOUNDED)
+    paid = objective(best.bill, best.weight)
     bound = max(paid / least - 1, 0.0) if least > 0 else 0.0
-    return ShotPlan(plan_bill.levels, plan_bill, limit.thresholds, weight, bound)
+    return ShotPlan(best.bill.levels, best.bill, limit.thresholds, best.weight, bound)
 
 
-# The bill of levels, and a lower bound: that of agents that share meshes evenly, or None where it
-# was not found on the way.
-Solution = tuple[Bill, float | None]
+@dataclass(frozen=True)
+class Solution:
+    """LODs of about the least cost by one weight of switches, found in one way.
+
+    shared: a lower bound, that of agents that share meshes evenly; None where it was not found on
+        the way.
+    """
+
+    bill: Bill
+    weight: float
+    shared: float | None = None
 
 
 @dataclass(frozen=True)
 class Limit:
-    """What a plan may cost.
+    """What a plan may cost, and whether it pops less than thresholds.
 
     thresholds: what the LODs cost that the policy gives frame by frame.
-    cheapest: what one LOD a character costs, where that is less; else `thresholds`.
-    pop_reduction: what a plan may cost more than the cheapest, as a part of what the
-        thresholds' LODs cost.
+    pop_reduction: the part by which a plan may cost more.
     """
 
     thresholds: Bill
-    cheapest: Bill
     pop_reduction: float
-
-    @property
-    def levels(self) -> np.ndarray:
-        """(N,) uint8, LODs that hold it."""
-        own = self.cheapest is not self.thresholds
-        return self.cheapest.levels if own else self.thresholds.shot.coarsest
 
     def holds(self, found: Bill) -> bool:
         """Return whether a plan may cost as much as `found`."""
-        return found.above(self.cheapest, self.thresholds) <= self.pop_reduction
+        return found.above(self.thresholds) <= self.pop_reduction
+
+    def is_broken_by(self, found: Bill) -> bool:
+        """Return whether `found` costs too much, or pops more than thresholds."""
+        return not self.holds(found) or self._pops_more(found)
+
+    def rank(self, solution: Solution) -> tuple[bool, float]:
+        """Return the key by which the best of several solutions is the least."""
+        return self.is_broken_by(solution.bill), solution.bill.noticed
+
+    def _pops_more(self, found: Bill) -> bool:
+        switches = found.switches.sum() > self.thresholds.switches.sum()
+        return bool(switches or found.pixels.sum() > self.thresholds.pixels.sum())
 
 
-def _limit(shot: Shot, pop_reduction: float) -> Limit:
+def limit_of(shot: Shot, pop_reduction: float) -> Limit:
     """Return what a plan may cost with this part paid to avoid switches in sight."""
     thresholds = Bill(shot, shot.survey.coarsest)
-    if thresholds.meshes_matter:
-        levels = by_character(shot, thresholds.mesh_seconds, 0.0)
-        found = Bill(shot, levels)
-        if found.above(thresholds) <= 0:
-            return Limit(thresholds, found, pop_reduction)
     least = Bill(shot, shot.allowed, shot.least_shown)
-    return Limit(thresholds, thresholds, max(pop_reduction, least.above(thresholds)))
+    return Limit(thresholds, max(pop_reduction, least.above(thresholds)))
 
 
 def objective(found: Bill, weight: float) -> float:
@@ -266,28 +273,58 @@ def objective(found: Bill, weight: float) -> float:
     return found.price.seconds * len(found.switches) + weight * found.noticed
 
 
-def _search_weight(limit: Limit) -> Generator[float, None, tuple[float, Solution | None]]:
-    """Return (the largest weight of switches whose plan the limit holds, that plan).
+# A way from (shot, thresholds, weight of switches) to LODs of about the least cost.
+Way = Callable[[Shot, Bill, float], Generator[float, None, Solution]]
+
+
+def _least_noticed(way: Way, limit: Limit, sample_limit: Limit) -> Generator[float, None, Solution]:
+    """Return the solution by the largest weight of switches whose cost the limit holds.
+
+    Its cost is above the limit where no weight was found to hold it.
+    sample_limit: of some agents of the shot, by which the weight is searched.
+    """
+    shot = limit.thresholds.shot
+    work = Workload(SEARCHED + SOLVED)
+    searching = search_weight(way, sample_limit.thresholds, sample_limit.holds)
+    weight, found = yield from work.take(searching, SEARCHED)
+    work.announce(SOLVED)
+    if found is not None and sample_limit is limit:
+        solution = found
+    else:
+        solution = yield from work.take(way(shot, limit.thresholds, weight), SOLVED)
+    for _ in range(STEPS - 1):
+        if limit.holds(solution.bill):
+            break
+        weight /= 1.5  # the sample promised more than the whole keeps
+        # few plans are solved again: the progress stands meanwhile
+        solution = yield from work.take(way(shot, limit.thresholds, weight), 0.0)
+    return solution
+
+
+def search_weight(
+    way: Way, thresholds: Bill, holds: Callable[[Bill], bool]
+) -> Generator[float, None, tuple[float, Solution | None]]:
+    """Return (the largest weight of switches whose plan is one that holds, that plan).
 
     No plan is returned where none was found to hold: the weight is then the least of the search.
     """
-    thresholds = limit.thresholds
     shot = thresholds.shot
     unit = thresholds.price.seconds * len(shot.survey.times) / max(thresholds.counts.sum(), 1)
     low = unit * FACTOR**-STEPS
     high = unit * FACTOR**STEPS
     best = None
     work = Workload(2 * STEPS)
+    weight = high  # costs do not always rise with it: without any switch a plan may be cheap again
     for _ in range(2 * STEPS):
-        middle = float(np.sqrt(low * high))
-        solution = yield from work.take(solved(shot, thresholds, middle), 1)
-        if limit.holds(solution[0]):
-            low = middle
+        solution = yield from work.take(way(shot, thresholds, weight), 1)
+        if holds(solution.bill):
+            low = weight
             best = solution
         else:
-            high = middle
+            high = weight
         if high < 1.1 * low:
             break
+        weight = float(np.sqrt(low * high))
     return low, best
 
 
@@ -298,32 +335,49 @@ def sampled(shot: Shot, most: int) -> tuple[Shot, np.ndarray]:
     return shot if len(agents) == count else replace(shot, survey=shot.survey.of(agents)), agents
 
 
+def ways_of(thresholds: Bill) -> tuple[Way, ...]:
+    """Return the ways to LODs that share meshes as far as these matter."""
+    return (share_meshes, switch_together) if thresholds.meshes_matter else (pay_alone,)
+
+
 def solved(shot: Shot, thresholds: Bill, weight: float) -> Generator[float, None, Solution]:
-    """Return the levels of least cost that are found for one weight of switches."""
-    bills, shared = yield from solutions(shot, thresholds, weight)
-    return min(bills, key=lambda plan_bill: objective(plan_bill, weight)), shared
+    """Return the solution of least cost that is found for one weight of switches."""
+    ways = ways_of(thresholds)
+    work = Workload(len(ways))
+    found = []
+    for way in ways:
+        found.append((yield from work.take(way(shot, thresholds, weight), 1)))
+    return min(found, key=lambda solution: objective(solution.bill, weight))
 
 
-def solutions(
-    shot: Shot, thresholds: Bill, weight: float
-) -> Generator[float, None, tuple[list[Bill], float | None]]:
-    """Return the bills of levels of about the least cost for one weight of switches, and a lower
-    bound, as of Solution.
-
-    Where meshes cost much, there are three, and two rounds: in the first an agent pays its share of
-    a mesh, as if all that may show it did. In the second the meshes of the first cost next to
-    nothing, and all others their whole price. In the third each character shows one LOD in a frame.
-    """
-    work = Workload(2 if thresholds.meshes_matter else 1)
+def pay_alone(shot: Shot, thresholds: Bill, weight: float) -> Generator[float, None, Solution]:
+    """Let each agent pay its share of a mesh, as if all that may show it did."""
     table = _table(shot, thresholds.mesh_shares)
-    levels, shared = yield from work.take(decided(shot, table, weight), 1)
-    first = Bill(shot, levels)
-    if not thresholds.meshes_matter:
-        return [first], shared if "traced" not in shot.costs.seconds else None
-    table = shared_table(shot, thresholds, first)
-    again, _ = yield from work.take(decided(shot, table, weight), 1)
-    whole = by_character(shot, thresholds.mesh_seconds, weight)
-    return [first, Bill(shot, again), Bill(shot, whole)], None
+    levels, shared = yield from decided(shot, table, weight)
+    is_bound = not thresholds.meshes_matter and "traced" not in shot.costs.seconds
+    return Solution(Bill(shot, levels), weight, shared if is_bound else None)
+
+
+def share_meshes(shot: Shot, thresholds: Bill, weight: float) -> Generator[float, None, Solution]:
+    """Let agents pay next to nothing for meshes that others show anyway.
+
+    In a first round each pays its share. In the second the meshes of the first cost next to
+    nothing, and all others their whole price.
+    """
+    work = Workload(2)
+    first = yield from work.take(pay_alone(shot, thresholds, weight), 1)
+    table = shared_table(shot, thresholds, first.bill)
+    levels, _ = yield from work.take(decided(shot, table, weight), 1)
+    return Solution(Bill(shot, levels), weight)
+
+
+def switch_together(
+    shot: Shot, thresholds: Bill, weight: float
+) -> Generator[float, None, Solution]:
+    """Let all agents of a character show one LOD in a frame."""
+    yield 0.0
+    levels = by_character(shot, thresholds.mesh_seconds, weight)
+    return Solution(Bill(shot, levels), weight)
 
 
 def shared_table(shot: Shot, thresholds: Bill, plan_bill: Bill) -> np.ndarray:

@@ -5,6 +5,7 @@ A shot is run through once (recording.py), and decided on from this.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from enum import IntEnum
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,26 @@ from .cells import Block, Cells
 
 # Kinds of agents in a frame. Hidden ones are counted, and have no cells of their own.
 CULLED, SEEN, SHADOW, MIRRORED = range(4)
+
+
+class Cause(IntEnum):
+    """Why an agent appears, or vanishes, at once: a clip of the camera, or an override's end."""
+
+    NEAR = 0
+    FAR = 1
+    OVERRIDE = 2
+
+
+# an agent that appears or vanishes at once, and why
+AT_ONCE = np.dtype([("agent", np.intp), ("cause", np.uint8)])
+
+
+def at_once(agents: np.ndarray, cause: np.ndarray | Cause) -> np.ndarray:
+    """Return rows of AT_ONCE, (m,); agents: (m,) intp; cause: of Cause, one or (m,)."""
+    rows = np.empty(len(agents), AT_ONCE)
+    rows["agent"] = agents
+    rows["cause"] = cause
+    return rows
 
 
 @dataclass(frozen=True)
@@ -50,10 +71,10 @@ class Survey:
     owner: (L,) uint8, the group of each character.
     rays: (F,) float64, samples of the pixels that agents cover (levels/cost_model.py).
     hidden: (F,) int64, how many agents scenery hides, and their shadows.
-    entered: for each frame the agents (m,) intp that it shows, and that the near or the far clip
-        culled in the frame before, or an override hid: they appear at once.
-    left: for each frame the agents (m,) intp that the frame before shows, and that the near or the
-        far clip culls: they vanish at once.
+    entered: for each frame (m,) AT_ONCE, the agents that it shows, and that the near or the far
+        clip culled in the frame before, or an override hid.
+    left: for each frame (m,) AT_ONCE, the agents that the frame before shows, and that the near or
+        the far clip culls.
     blurred: whether LODs of blurred agents deviate by more than the tolerance, as many pixels as
         these are blurred wide. Their `scale` counts as many pixels less in proportion.
     roles: what the characters play; None if no neighbors are to be found.
@@ -131,8 +152,8 @@ class Survey:
             limit=None if self.limit is None else extract(self.limit, agents),
             group=self.group[agents],
             rays=self.rays * len(agents) / len(self.group),
-            entered=[np.empty(0, np.intp)] * len(self.times),
-            left=[np.empty(0, np.intp)] * len(self.times),
+            entered=[np.empty(0, AT_ONCE)] * len(self.times),
+            left=[np.empty(0, AT_ONCE)] * len(self.times),
         )
 
 

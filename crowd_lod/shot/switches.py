@@ -45,7 +45,8 @@ def noticed(shot: Shot, levels: np.ndarray, radius: np.ndarray) -> np.ndarray:
         rows["change"] = change
         parts.append(rows)
     for f, (entered, left) in enumerate(zip(survey.entered, survey.left, strict=True)):
-        for agents, shown_in, absent in ((entered, f, "before"), (left, f - 1, "after")):
+        for found, shown_in, absent in ((entered, f, "before"), (left, f - 1, "after")):
+            agents = found["agent"]
             at = cells.at(shown_in, agents)
             rows = _rows(np.full(len(at), f), agents, scale[at])
             rows["before"] = rows["after"] = levels[at]

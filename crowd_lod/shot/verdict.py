@@ -8,7 +8,7 @@ import numpy as np
 
 from ..culling.camera import Camera
 from ..format import counted, number
-from .survey import Survey
+from .survey import Cause, Survey
 from .switches import NOTHING, largest
 
 
@@ -27,24 +27,25 @@ class LargestSwitch:
 
 @dataclass(frozen=True)
 class Clipped:
-    """The frame in which most agents appear, or vanish, by a clip.
+    """The frame in which most agents appear, or vanish, at once.
 
-    appear: whether they appear. clip: "near" or "far". reach: meters from the camera to it.
+    appear: whether they appear. cause: the name of the Cause of most of them. reach: meters from
+        the camera to its clip, where one is the cause.
     """
 
     agents: int
     appear: bool
-    clip: str
-    reach: float
+    cause: str
+    reach: float | None
     frame: int
 
     @property
     def sentence(self) -> str:
         verb = ("appear" if self.appear else "vanish") + ("s" if self.agents == 1 else "")
-        return (
-            f"{counted(self.agents, 'agent')} {verb} at once at the {self.clip} clip "
-            f"({number(self.reach)} m), frame {self.frame}."
-        )
+        where = "where an override ends"
+        if self.reach is not None:
+            where = f"at the {self.cause} clip ({number(self.reach)} m)"
+        return f"{counted(self.agents, 'agent')} {verb} at once {where}, frame {self.frame}."
 
 
 @dataclass(frozen=True)
@@ -95,9 +96,9 @@ def _clipped(
     frame, appear = events[:, counts.argmax()].tolist()
     agents = rows["agent"][(rows["frame"] == frame) & (appears == appear)]
     f = int(np.searchsorted(survey.numbers, frame))
-    camera = cameras[f]
-    between = camera.pixels_per_unit / np.sqrt(max(camera.near, 1e-9) * camera.far) / meters
-    scale = survey.scale[survey.cells.at(f if appear else f - 1, agents)]
-    is_near = bool(np.median(scale) > between)
-    clip, reach = ("near", camera.near) if is_near else ("far", camera.far)
-    return Clipped(len(agents), bool(appear), clip, meters * reach, frame)
+    found = survey.entered[f] if appear else survey.left[f]
+    causes = found["cause"][np.isin(found["agent"], agents)]
+    cause = Cause(int(np.bincount(causes).argmax()))
+    clips = {Cause.NEAR: cameras[f].near, Cause.FAR: cameras[f].far}
+    reach = meters * clips[cause] if cause in clips else None
+    return Clipped(len(agents), bool(appear), cause.name.lower(), reach, frame)

@@ -16,7 +16,7 @@ from ...crowd_lod.levels.budget_fit import Budget
 from ...crowd_lod.output import files, tables
 from ...crowd_lod.output.shot_json import shot_facts
 from ...crowd_lod.output.shot_page import shot_page
-from ...crowd_lod.output.shot_report import ShotReport
+from ...crowd_lod.output.shot_report import ShotReport, count_switches
 from ...crowd_lod.progress import Workload, run_in_thread, run_steps_in_thread
 from ...crowd_lod.shot import plan_file
 from ...crowd_lod.shot.budget import BudgetPlan, decide_within
@@ -316,8 +316,8 @@ def sentence(planned: PlannedShot) -> str:
     return (
         f"{planned.report.verdict.sentence} "
         f"{counted(frames, 'frame')} of {planned.report.people} planned. LODs change in sight "
-        f"{counted(int(bill.switches.sum()), 'time')}, by distance "
-        f"{counted(int(before.switches.sum()), 'time')}, for {above:.1%} more cost at most; "
+        f"{count_switches(bill)}, by distance {count_switches(before)}, for {above:.1%} more cost "
+        f"at most; "
         f"{plan.bound:.1%} above the least possible at most.{raised}"
     )
 

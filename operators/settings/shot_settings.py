@@ -123,8 +123,8 @@ class PlanSettings:
         min=0,
         soft_max=1,
         subtype="FACTOR",
-        description="Part by which a shot's time, memory and triangles may grow so that fewer "
-        "characters change their LOD in sight",
+        description="Part by which a shot's time, memory and instances may cost more than LODs by "
+        "distance so that fewer characters change their LOD in sight",
     )
     budget_triangles: IntProperty(
         name="Triangles",

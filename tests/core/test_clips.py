@@ -10,6 +10,7 @@ from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 from crowd_lod_extension.crowd_lod.shot.recording import begin_recording
+from crowd_lod_extension.crowd_lod.shot.survey import Cause
 from crowd_lod_extension.crowd_lod.world.maps import Area, edge_map
 
 from ..support.cameras import straight
@@ -26,7 +27,7 @@ def turned(camera):
 
 
 def events(before, after):
-    """[who enters, who leaves] in a shot of two frames with these cameras."""
+    """[who enters, who leaves], with the causes, in a shot of two frames with these cameras."""
     machine = load_preset("chapter")
     world = edge_map(Area(-100, -100, 100, 100), machine.labels)
     people = crowd_at(AHEAD + BEHIND + BESIDE)
@@ -45,14 +46,14 @@ def test_a_clip_that_moves_shows_and_hides(kind):
     camera = straight(kind=kind)
     near = replace(camera, near=20.0)
     far = replace(camera, far=45.0)
-    assert events(near, camera) == [[0], []]
-    assert events(camera, near) == [[], [0]]
-    assert events(far, camera) == [[2], []]
-    assert events(near, far) == [[0], [2]]
+    assert events(near, camera) == [[(0, Cause.NEAR)], []]
+    assert events(camera, near) == [[], [(0, Cause.NEAR)]]
+    assert events(far, camera) == [[(2, Cause.FAR)], []]
+    assert events(near, far) == [[(0, Cause.NEAR)], [(2, Cause.FAR)]]
 
 
 def test_who_stood_behind_the_camera_or_beside_the_picture_does_not_appear_by_a_clip():
     camera = straight()
     assert events(turned(camera), camera) == [[], []]
     wide = replace(camera, window=replace(camera.window, right=2.0), far=100.0)
-    assert events(replace(camera, far=45.0), wide) == [[2], []]
+    assert events(replace(camera, far=45.0), wide) == [[(2, Cause.FAR)], []]

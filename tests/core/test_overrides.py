@@ -16,7 +16,14 @@ from crowd_lod_extension.crowd_lod.shot.overrides import (
     parse_agents,
 )
 from crowd_lod_extension.crowd_lod.shot.shot import decide, decided, lower_bound
-from crowd_lod_extension.crowd_lod.shot.survey import CULLED, SEEN, SHADOW, at_tolerance
+from crowd_lod_extension.crowd_lod.shot.survey import (
+    CULLED,
+    SEEN,
+    SHADOW,
+    Cause,
+    at_once,
+    at_tolerance,
+)
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -155,7 +162,7 @@ def test_hidden_agents_count_as_culled_and_enter_when_they_appear_in_sight():
     survey = some_shot(0, agents=4, seen=1.0).survey
     survey.cuts[:] = False
     Grid(survey).kind[:, 1] = SHADOW
-    survey.entered[1] = np.array([0, 3])
+    survey.entered[1] = at_once(np.array([0, 3]), Cause.NEAR)
     survey = override_survey(survey, [rule("HIDE", 0, [0, 1], 2, 3)])
     assert (
         Grid(survey).kind
@@ -164,7 +171,9 @@ def test_hidden_agents_count_as_culled_and_enter_when_they_appear_in_sight():
         + 2 * [[SEEN, SHADOW, SEEN, SEEN]]
     ).all()
     assert not Grid(survey).scale[1:3, :2].any()
-    assert [each.tolist() for each in survey.entered] == [[], [3], [], [0], []]
+    near = [(3, Cause.NEAR)]
+    shown_again = [(0, Cause.OVERRIDE)]
+    assert [each.tolist() for each in survey.entered] == [[], near, [], shown_again, []]
 
 
 def test_of_two_overrides_the_later_one_holds():

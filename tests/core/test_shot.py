@@ -112,7 +112,7 @@ def costs(shot, weight):
 
 
 @pytest.mark.once
-@pytest.mark.parametrize(("engine", "gap"), [("EEVEE", 0.02), ("CYCLES", 0.15)])
+@pytest.mark.parametrize(("engine", "gap"), [("EEVEE", 0.02), ("CYCLES", 0.2)])
 @pytest.mark.parametrize("lods", [2, 3])
 def test_plan_lies_between_its_bound_and_the_best(engine, gap, lods):
     """With shared meshes, which the program does not minimize by itself."""
@@ -190,13 +190,12 @@ def test_pop_reduction_is_kept(engine, pop_reduction):
 
 
 def test_what_a_plan_may_cost_more_is_a_part_of_what_thresholds_cost():
-    """Else memory that agents of a class save by one LOD leaves a plan no room to avoid pops."""
     shot = some_shot(3, agents=10)
-    cheapest = Bill(shot, shot.survey.coarsest)
+    thresholds = Bill(shot, shot.survey.coarsest)
     dear = Bill(shot, np.zeros_like(shot.survey.coarsest))
-    more = dear.above(cheapest)
-    assert not Limit(cheapest, cheapest, 0.9 * more).holds(dear)
-    assert Limit(dear, cheapest, 0.9 * more).holds(dear)
+    more = dear.above(thresholds)
+    assert not Limit(thresholds, 0.9 * more).holds(dear)
+    assert Limit(thresholds, 1.1 * more).holds(dear)
 
 
 def test_plan_is_the_same_on_every_python():
@@ -204,7 +203,7 @@ def test_plan_is_the_same_on_every_python():
     for engine in ENGINES:
         shot = some_shot(7, agents=200, frames=30, lods=4, engine=engine, tolerance=1, each=3)
         found.update(finished(decide(shot)).levels.tobytes())
-    assert found.hexdigest()[:16] == "04863b6f0db271fa"
+    assert found.hexdigest()[:16] == "ce13546f515603f2"
 
 
 def test_crowd_of_nobody():
@@ -246,8 +245,16 @@ def test_one_lod_a_character_switches_less_where_switches_cost(seed):
     assert (calm <= Grid(shot.survey).of(shot.coarsest))[Grid(shot.survey).is_seen].all()
 
 
-def test_plans_in_cycles_cost_no_more_than_thresholds_and_less_where_meshes_are_shared():
-    shot = some_shot(3, agents=300, frames=20, lods=4, each=4, engine="CYCLES", tolerance=1)
-    plan = finished(decide(shot))
-    assert plan.bill.price.seconds < plan.thresholds.price.seconds
-    assert plan.bill.price.memory <= plan.thresholds.price.memory
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("pop_reduction", [0.0, 0.05, 0.5])
+@pytest.mark.parametrize("seed", range(6))
+def test_a_plan_never_pops_more_than_thresholds(engine, pop_reduction, seed):
+    """Not even where whole phase classes switch at once, to share meshes."""
+    shot = some_shot(seed, agents=300, frames=20, lods=4, each=4, engine=engine, tolerance=1)
+    Grid(shot.survey).scale[:] = np.where(
+        Grid(shot.survey).is_seen, 40 + seed, 0
+    )  # no switch of more than twice the tolerance
+    plan = finished(decide(shot, pop_reduction))
+    assert plan.bill.switches.sum() <= plan.thresholds.switches.sum() > 0
+    assert plan.bill.pixels.sum() <= plan.thresholds.pixels.sum()
+    assert plan.bill.above(plan.thresholds) <= pop_reduction + 1e-12

@@ -16,7 +16,7 @@ from crowd_lod_extension.crowd_lod.shot.coloring import PhasePlan
 from crowd_lod_extension.crowd_lod.shot.curve import curve_of
 from crowd_lod_extension.crowd_lod.shot.phases import Phases
 from crowd_lod_extension.crowd_lod.shot.shot import decide
-from crowd_lod_extension.crowd_lod.shot.survey import CULLED
+from crowd_lod_extension.crowd_lod.shot.survey import CULLED, Cause, at_once
 from crowd_lod_extension.crowd_lod.shot.switches import noticed
 from crowd_lod_extension.crowd_lod.shot.unneeded import unneeded
 from crowd_lod_extension.crowd_lod.shot.verdict import LargestSwitch, Verdict
@@ -229,7 +229,8 @@ def test_what_the_user_should_know_is_said():
     survey = data.shot.survey
     survey.cuts[3] = True
     Grid(survey).kind[6] = CULLED
-    survey.entered[5] = np.flatnonzero(Grid(survey).is_seen[5] & ~Grid(survey).is_seen[4])[:2]
+    new = np.flatnonzero(Grid(survey).is_seen[5] & ~Grid(survey).is_seen[4])[:2]
+    survey.entered[5] = at_once(new, Cause.FAR)
     plan = finished(decide(data.shot))
     text = shot_page(replace(data, plan=plan, noticed=noticed(data.shot, plan.levels, RADIUS)))
     assert (

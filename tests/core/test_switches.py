@@ -11,6 +11,7 @@ from crowd_lod_extension.crowd_lod.output.tables import largest_switches, switch
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.shot.shot import decide
 from crowd_lod_extension.crowd_lod.shot.shot_cost import Bill
+from crowd_lod_extension.crowd_lod.shot.survey import Cause, at_once
 from crowd_lod_extension.crowd_lod.shot.switches import NOTHING, ROW, noticed
 from crowd_lod_extension.crowd_lod.shot.verdict import verdict_of
 
@@ -29,9 +30,11 @@ def with_entries(shot, seed):
     for f in range(1, len(seen)):
         new = np.flatnonzero(seen[f] & ~seen[f - 1])
         if not shot.survey.cuts[f]:
-            shot.survey.entered[f] = new[random.random(len(new)) < 0.5]
+            new = new[random.random(len(new)) < 0.5]
+            shot.survey.entered[f] = at_once(new, Cause.FAR)
             gone = np.flatnonzero(seen[f - 1] & ~seen[f])
-            shot.survey.left[f] = gone[random.random(len(gone)) < 0.5]
+            gone = gone[random.random(len(gone)) < 0.5]
+            shot.survey.left[f] = at_once(gone, Cause.NEAR)
     return shot
 
 
@@ -45,9 +48,9 @@ def looped(shot, levels):
             place = int(survey.numbers[f]), a
             if change := pixels_of(shot, f, a, levels[f - 1, a], levels[f, a]):
                 rows.append((*place, int(levels[f - 1, a]), int(levels[f, a]), size, change))
-            elif a in survey.entered[f]:
+            elif a in survey.entered[f]["agent"]:
                 rows.append((*place, NOTHING, int(levels[f, a]), size, size))
-            elif a in survey.left[f]:
+            elif a in survey.left[f]["agent"]:
                 size = float(Grid(survey).scale[f - 1, a]) * 2 * RADIUS[survey.group[a]]
                 rows.append((*place, int(levels[f - 1, a]), NOTHING, size, size))
     return rows
@@ -114,8 +117,10 @@ def test_the_verdict_tells_the_largest_switch_and_the_frame_in_which_most_are_cl
     assert told.clipped.agents == max(events) > 1
     of_frame = getattr(shot.survey, "entered" if told.clipped.appear else "left")
     assert len(of_frame[told.clipped.frame - 1]) == told.clipped.agents
-    verb = "appear" if told.clipped.appear else "vanish"
-    assert f"{told.clipped.agents} agents {verb} at once" in told.sentence
+    how = "appear at once at the far clip (50 m)"
+    if not told.clipped.appear:
+        how = "vanish at once at the near clip (0.05 m)"
+    assert f"{told.clipped.agents} agents {how}, frame {told.clipped.frame}." in told.sentence
     assert told.sentence.startswith(
         f"Worst change in sight: {number(told.change.pixels)} px, frame"
     )

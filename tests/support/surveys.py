@@ -7,6 +7,7 @@ from crowd_lod_extension.crowd_lod.levels.cost_model import default_costs
 from crowd_lod_extension.crowd_lod.shot.cells import Cells
 from crowd_lod_extension.crowd_lod.shot.shot_cost import Meshes, Shot
 from crowd_lod_extension.crowd_lod.shot.survey import (
+    AT_ONCE,
     CULLED,
     MIRRORED,
     SEEN,
@@ -57,8 +58,8 @@ def whole_survey(frames, group, first):
         owner=np.repeat(np.arange(len(first) - 1, dtype=np.uint8), np.diff(first)),
         rays=np.zeros(frames),
         hidden=np.zeros(frames, np.int64),
-        entered=[np.empty(0, np.intp)] * frames,
-        left=[np.empty(0, np.intp)] * frames,
+        entered=[np.empty(0, AT_ONCE)] * frames,
+        left=[np.empty(0, AT_ONCE)] * frames,
     )
 
 
