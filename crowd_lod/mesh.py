@@ -1,4 +1,4 @@
-"""A surface as arrays: points, and the triangles between them."""
+"""A surface as arrays: points, the triangles between them, and its connected components."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -46,3 +46,21 @@ def join(meshes: Sequence[AnyMesh]) -> AnyMesh:
         if isinstance(getattr(meshes[0], field.name), np.ndarray)
     }
     return replace(meshes[0], **{**columns, "triangles": np.concatenate(triangles)})
+
+
+def connected_components(count: int, joined: np.ndarray) -> np.ndarray:
+    """Return (count,) intp: the least vertex of each vertex's component, what edges or faces join.
+
+    joined: (m, k) vertices, for example edges (m, 2) or triangles (m, 3). Each row joins its
+        vertices.
+    """
+    label = np.arange(count)
+    before = None
+    while before is None or (label != before).any():
+        before = label.copy()
+        least = label[joined].min(axis=1)
+        for column in joined.T:
+            np.minimum.at(label, label[column], least)
+            np.minimum.at(label, column, least)
+        label = label[label]
+    return label

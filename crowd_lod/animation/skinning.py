@@ -10,8 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..connected_components import connected_components
-from ..mesh import Mesh, join
+from ..mesh import Mesh, connected_components, join
 
 INFLUENCES = 4  # joints that a vertex follows at most
 

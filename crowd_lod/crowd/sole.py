@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..connected_components import connected_components
+from ..mesh import connected_components
 
 # In this part of an action's poses a foot may dip below the ground, as where it pushes off.
 PLANTED = 1 / 3

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..connected_components import connected_components
+from ..mesh import connected_components
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from itertools import product
 
 import numpy as np
 
-from ..connected_components import connected_components
+from ..mesh import connected_components
 from .camera import GRAIN, Camera, Window, stretch
 from .occluders import Occluders
 

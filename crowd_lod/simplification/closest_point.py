@@ -1,8 +1,8 @@
-"""Closest points of a mesh, by walks over its faces."""
+"""Points on triangles: samples of surfaces, and closest points by walks over the faces."""
 
 import numpy as np
 
-from .triangle_mesh import TriangleMesh, blocks, length, ranges
+from .triangle_mesh import TriangleMesh, blocks, edge_keys, length, ranges
 
 WALK_STEPS = 40  # along a surface to the nearest triangle, at most
 # Points that are off by this part of the largest distance search their nearest triangle again.
@@ -11,6 +11,7 @@ DOUBTED = 32  # points farthest off, whose walks may have ended at a wrong place
 DOUBTS = 12  # searches for these, at most, while one of them was wrong
 
 BLOCK = 16_000  # faces looked at together: what fits in the processor's cache
+SIDE_PARTS = 60  # of a side: all samples of a lattice lie at whole ones
 
 
 def walk(
@@ -270,3 +271,48 @@ def _planes_and_sides(
         (ab, ac, bc),
         (ab * (ab * uu - wu2), ac * (ac * vv - wv2), bc * (bc * bc_bc - along - along) + from_b),
     )
+
+
+def lattice(fine: int, whole: bool = False) -> np.ndarray:
+    """Barycentric weights (3, g) of a grid on a triangle.
+
+    The triangle's middle comes first, then points inside it, then points on the first half of each
+    edge: the neighbor has the other half. whole: on all of each edge. fine: points along an edge.
+    """
+    inside = [
+        (i, j, fine - i - j)
+        for i in range(1, fine)
+        for j in range(1, fine - i)
+        if 3 * i != fine or 3 * j != fine
+    ]
+    along = range(1, fine if whole else fine // 2 + 1)
+    sides = [np.roll((fine - i, i, 0), k) for k in range(3) for i in along]
+    return np.concatenate(
+        [[(1 / 3, 1 / 3, 1 / 3)], np.reshape([*inside, *sides], (-1, 3)) / fine]
+    ).T
+
+
+def between(
+    corners: np.ndarray, faces: np.ndarray, grid: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The points of a lattice on some faces, those on shared edges once.
+
+    corners: (3, m); faces: (j,); grid: (3, g). Returns faces (k,) and barycentric weights (3, k).
+    """
+    face = np.tile(faces, grid.shape[1])
+    weights = np.repeat(grid, len(faces), axis=1)
+    on_side = np.flatnonzero((weights == 0).any(axis=0))
+    side = weights[:, on_side].argmin(axis=0)
+    every = np.arange(len(on_side))
+    ends, share = (
+        [rows[side - k, every] for k in (2, 1)]
+        for rows in (corners.take(face[on_side], 1), weights.take(on_side, 1))
+    )
+    low = np.round(SIDE_PARTS * np.where(ends[0] < ends[1], *share)).astype(np.intp)
+    _, first = np.unique(
+        edge_keys(np.stack(ends), corners.max(initial=0) + 1) * (SIDE_PARTS + 1) + low,
+        return_index=True,
+    )
+    once = np.ones(len(face), bool)
+    once[np.delete(on_side, first)] = False
+    return face[once], weights[:, once]

@@ -11,15 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from ..connected_components import connected_components
 from ..errors import CrowdError
 from ..format import counted
-from ..mesh import Mesh
+from ..mesh import Mesh, connected_components
 from ..progress import finished
-from .components import areas, grown
+from .collapse_choice import Poses, normals_of, quadrics_of
 from .edge_collapse import Collapsed, collapse
+from .loose_parts import areas, grown
 from .pose_deformation import Skin
-from .quadrics import Poses, normals_of, quadrics_of
 from .surface_fit import NEAR_ENOUGH, SurfaceFit
 from .triangle_mesh import constrained_edges, edge_keys, half_edges
 

@@ -9,9 +9,18 @@ from typing import NamedTuple
 import numpy as np
 
 from ..mesh import Mesh
-from .collapse_rules import CollapsingMesh, are_bridges, are_flat, choose_collapses, in_ring
+from .collapse_choice import (
+    CollapsingMesh,
+    Edges,
+    PoseErrors,
+    Poses,
+    are_bridges,
+    are_flat,
+    choose_collapses,
+    in_ring,
+    place_collapses,
+)
 from .loose_parts import LooseParts
-from .quadrics import Edges, PoseErrors, Poses, place_collapses
 from .triangle_mesh import edges_of
 
 FACING = 0.2  # least cosine between a triangle's normals before and after a collapse

@@ -1,13 +1,21 @@
-"""Surfaces that move: the same triangles in several poses, and what points of another map to."""
+"""Surfaces that move: the same triangles in several poses, and how one maps to another.
 
-from collections.abc import Callable
+Points map to points. Pieces, triangles of one surface, map to another linearly on each of a few
+parts, so a piece is no farther off than the farthest of some pairs of points.
+"""
+
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from .closest_point import closest_weights
-from .triangle_mesh import TriangleMesh
+from .closest_point import closest_weights, walk
+from .triangle_mesh import TriangleMesh, normals
+
+SPOKES = 4  # edges that one side of a piece crosses, at most
+# The triangle beneath a piece's corner is sought this part of the way to the piece's middle.
+INSIDE = 0.1
 
 
 @dataclass
@@ -87,3 +95,181 @@ class Target:
 def length_of(vectors: np.ndarray) -> np.ndarray:
     """The lengths (...) of vectors (..., 3)."""
     return np.sqrt(np.einsum("...d,...d->...", vectors, vectors))
+
+
+@dataclass
+class Pairs:
+    """Points of pieces, and the points of the other surface that they map to.
+
+    piece: (q,); weights: (q, 3), barycentric, on the piece; to: (q, 3), points of the other
+    surface; to_weights: (q, 3), NaN where there is no map.
+    """
+
+    piece: np.ndarray
+    weights: np.ndarray
+    to: np.ndarray
+    to_weights: np.ndarray
+
+    def of(self, pieces: np.ndarray) -> "Pairs":
+        """Those of the pieces (p,) bool alone, which are numbered anew."""
+        pairs = np.flatnonzero(pieces[self.piece])
+        return Pairs(
+            (np.cumsum(pieces) - 1)[self.piece[pairs]],
+            self.weights[pairs],
+            self.to[pairs],
+            self.to_weights[pairs],
+        )
+
+
+def piece_distances(target: Target, pairs: Pairs, corners: np.ndarray, poses: slice) -> np.ndarray:
+    """How far pieces are off at most by the pairs, (p, poses) meters.
+
+    corners: (p, 3, poses, 3). Infinite where there is no map.
+    """
+    at = sum(corners[pairs.piece, c] * pairs.weights[:, c, None, None] for c in range(3))
+    off = length_of(at - target.mix(pairs.to, pairs.to_weights, poses))
+    order = np.argsort(pairs.piece, kind="stable")
+    begins = np.searchsorted(pairs.piece[order], np.arange(len(corners)))
+    most = np.maximum.reduceat(off[order], begins)
+    return np.where(np.isnan(most), np.inf, most)
+
+
+def faces_beneath(
+    target: Target, corners: np.ndarray, faces: np.ndarray, weights: np.ndarray
+) -> np.ndarray:
+    """The triangles (p, 3) of the target beneath pieces, near each corner.
+
+    corners: (p, 3, 3), in the base; faces: (p, 3), weights: (p, 3, 3), where these are mapped to.
+    """
+    middle = corners.mean(axis=1, keepdims=True)
+    inside = corners + INSIDE * (middle - corners)
+    start = target.mesh.corner(faces.ravel(), weights.reshape(-1, 3).T)
+    beneath, _ = walk(target.mesh, start, np.ascontiguousarray(inside.reshape(-1, 3).T))
+    return beneath.reshape(-1, 3)
+
+
+def map_to_one(target: Target, at: np.ndarray, beneath: np.ndarray) -> Pairs:
+    """Map pieces, with corners (p, 3, 3), to one triangle each.
+
+    Of the triangles (p, 3) beneath its corners, that to which it is nearest.
+    """
+    on = np.array([[target.on(faces, at[:, c]) for c in range(3)] for faces in beneath.T])
+    to = target.surface.triangles[beneath]
+    off = [
+        [
+            length_of(at[:, c] - target.mix(to[:, t], on[t, c], target.base_alone)[:, 0])
+            for c in range(3)
+        ]
+        for t in range(3)
+    ]
+    best = np.max(off, axis=1).argmin(axis=0)
+    pieces = np.arange(len(at))
+    return _join(
+        [
+            Pairs(
+                pieces,
+                np.broadcast_to(np.eye(3)[c], at.shape[:2]),
+                to[pieces, best],
+                on[best, c, pieces],
+            )
+            for c in range(3)
+        ]
+    )
+
+
+def map_to_neighbors(target: Target, at: np.ndarray, beneath: np.ndarray) -> Pairs:
+    """Map each corner's part of a piece to the triangle beneath it.
+
+    at: (p, 3, 3) corners; beneath: (p, 3) triangles, which must have a corner in common, the hub.
+    Edges of the piece are cut where they cross spokes, the edges that meet in the hub. Where they
+    go all round the hub, it is mapped as well.
+    """
+    to = target.surface.triangles[beneath]
+    pieces = np.arange(len(at))
+    common = (to[:, 0, :, None, None] == to[:, None, 1:, :]).any(axis=3).all(axis=2)
+    has_hub = common.any(axis=1)
+    hub = to[pieces, 0, common.argmax(axis=1)]
+    pairs = []
+    turned = np.zeros(len(at), np.intp)
+    for c in range(3):
+        weights = np.broadcast_to(np.eye(3)[c], at.shape[:2])
+        pairs.append(Pairs(pieces, weights, to[:, c], target.on(beneath[:, c], at[:, c])))
+    pairs[0].to_weights[~has_hub] = np.nan
+    for side in ((0, 1), (1, 2), (2, 0)):
+        crossing = np.flatnonzero((beneath[:, side[0]] != beneath[:, side[1]]) & has_hub)
+        for cut, steps in _cross_spokes(target, at, beneath, hub, side, crossing):
+            pairs.append(cut)
+            turned[cut.piece] += steps
+    around = np.flatnonzero(turned)
+    middle = target.surface.points[hub[around], target.base].T
+    weights = closest_weights(middle, *at[around].transpose(1, 2, 0)).T
+    corners = hub[around, None].repeat(3, axis=1)
+    pairs.append(Pairs(around, weights, corners, np.eye(3)[np.zeros_like(around)]))
+    return _join(pairs)
+
+
+def _cross_spokes(
+    target: Target,
+    at: np.ndarray,
+    beneath: np.ndarray,
+    hub: np.ndarray,
+    side: tuple[int, int],
+    pieces: np.ndarray,
+) -> Iterator[tuple[Pairs, np.ndarray]]:
+    """The spokes that an edge of some `pieces` crosses, one after another.
+
+    side: the edge's two corners. Yields Pairs where it crosses, and 1 or -1 for each: the way round
+    the hub.
+    """
+    i, j = side
+    surface = target.surface
+    face = beneath[pieces, i]
+    last = beneath[pieces, j]
+    middle = surface.points[hub[pieces], target.base]
+    begin = at[pieces, i]
+    end = at[pieces, j]
+    up = np.add(*(normals(*surface.corners(faces, target.base)) for faces in (face, last))).T
+    left = np.einsum("pd,pd->p", np.cross(begin - middle, end - middle), up) > 0
+    for more in reversed(range(SPOKES)):
+        place = (surface.triangles[face] == hub[pieces, None]).argmax(axis=1)
+        rim = surface.triangles[face, (place + 1 + left) % 3]
+        rim_at = surface.points[rim, target.base]
+        across = np.cross(up, rim_at - middle)
+        begin_off, end_off = (
+            np.einsum("pd,pd->p", point - middle, across) for point in (begin, end)
+        )
+        slope = np.where(begin_off == end_off, 1, begin_off - end_off)
+        part = np.clip(begin_off / slope, 0, 1)
+        weights = np.zeros((len(pieces), 3))
+        weights[:, i] = 1 - part
+        weights[:, j] = part
+        part = _part_along(begin + part[:, None] * (end - begin), middle, rim_at)
+        to_weights = np.zeros((len(pieces), 3))
+        to_weights[:, 0] = 1 - part
+        to_weights[:, 1] = part
+        face = surface.rest.neighbors[face, np.where(left, (place + 2) % 3, place)]
+        going = (face != last) & (face >= 0)
+        to_weights[(face < 0) | going & (more == 0)] = np.nan
+        spoke = np.stack([hub[pieces], rim, rim], axis=1)
+        yield Pairs(pieces, weights, spoke, to_weights), np.where(left, 1, -1)
+        if not going.any():
+            return
+        pieces, face, last, middle, begin, end, up, left = (
+            values[going] for values in (pieces, face, last, middle, begin, end, up, left)
+        )
+
+
+def _join(pairs: list[Pairs]) -> Pairs:
+    """All pairs as one."""
+    columns = zip(*(vars(some).values() for some in pairs), strict=True)
+    return Pairs(*map(np.concatenate, columns))
+
+
+def _part_along(points: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """How far from begin to end the closest point lies, (p,) in [0, 1].
+
+    points, begin, end: (p, 3).
+    """
+    side = end - begin
+    along = np.einsum("pd,pd->p", points - begin, side)
+    return (along / np.maximum(np.einsum("pd,pd->p", side, side), 1e-300)).clip(0, 1)

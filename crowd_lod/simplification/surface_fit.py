@@ -6,14 +6,23 @@ from typing import Any
 import numpy as np
 
 from ..mesh import Mesh
-from .closest_point import beyond, doubt, follow, walk
-from .edge_flips import Flips, choose_flips, find_flips, flip_edges, measure_flips
-from .fit_state import FitState
+from .closest_point import between, beyond, doubt, follow, lattice, walk
+from .collapse_choice import normals_of
+from .fit_steps import (
+    HALVINGS,
+    FitState,
+    Flips,
+    choose_flips,
+    find_flips,
+    flip_edges,
+    hold_on_seams,
+    measure_flips,
+    sum_pulls,
+    unfold,
+    weigh_samples,
+)
 from .pose_deformation import Copies, Skin
-from .quadrics import normals_of
-from .surface_sampling import between, lattice
 from .triangle_mesh import TriangleMesh, length, normals
-from .vertex_moves import HALVINGS, hold_on_seams, sum_pulls, unfold, weigh_samples
 
 SAMPLES = 15_000  # of the LOD's surface, about
 SAMPLES_FINEST = 5  # along an edge, at most

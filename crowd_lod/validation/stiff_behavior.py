@@ -9,11 +9,11 @@ import numpy as np
 
 from ..behavior.courant_number import check_speeds
 from ..behavior.plain_step import advance
-from ..connected_components import connected_components
 from ..crowd.agents import Crowd
 from ..crowd.state_machine import StateMachine, parse
 from ..errors import CrowdError
 from ..format import aligned
+from ..mesh import connected_components
 from ..world.maps import Area, LabelMap
 from .culling_judge import standing_crowd
 from .exact_behavior import follow_exactly

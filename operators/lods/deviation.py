@@ -10,7 +10,7 @@ from mathutils.kdtree import KDTree
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.progress import Workload, run_in_thread
-from ...crowd_lod.simplification.distance_estimate import estimate_distances
+from ...crowd_lod.simplification.hausdorff import estimate_distances
 from ..blender.colors import Looks
 from ..blender.named_actions import performance_of
 from ..blender.performance import Performance

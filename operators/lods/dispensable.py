@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...crowd_lod.simplification.distance_estimate import SurfacePoints, upper_distances
+from ...crowd_lod.simplification.hausdorff import SurfacePoints, upper_distances
 from .posed_surface import PosedSurface, parts_of
 from .surface import merge
 

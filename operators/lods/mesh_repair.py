@@ -7,7 +7,7 @@ import bmesh
 import bpy
 import numpy as np
 
-from ...crowd_lod.connected_components import connected_components
+from ...crowd_lod.mesh import connected_components
 from ..blender import mesh_data
 from .surface import has_area
 

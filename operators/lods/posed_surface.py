@@ -7,8 +7,13 @@ from functools import cached_property
 import numpy as np
 
 from ...crowd_lod.simplification import thin_parts
-from ...crowd_lod.simplification.distance_estimate import SurfacePoints, places_on, upper_distances
-from ...crowd_lod.simplification.hausdorff import Interval, bound_distance
+from ...crowd_lod.simplification.hausdorff import (
+    Interval,
+    SurfacePoints,
+    bound_distance,
+    places_on,
+    upper_distances,
+)
 from ...crowd_lod.simplification.moving_surface import MovingSurface
 from .posed_shapes import PosedMesh, surface_of
 from .poses import farthest_apart

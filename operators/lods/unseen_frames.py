@@ -12,8 +12,12 @@ import numpy as np
 
 from ...crowd_lod.progress import Workload, run_in_thread
 from ...crowd_lod.simplification.closest_point import closest_weights
-from ...crowd_lod.simplification.distance_estimate import SurfacePoints, places_on, upper_distances
-from ...crowd_lod.simplification.hausdorff import bound_distance
+from ...crowd_lod.simplification.hausdorff import (
+    SurfacePoints,
+    bound_distance,
+    places_on,
+    upper_distances,
+)
 from ..blender.performance import Performance
 from .posed_shapes import Posed
 from .posed_surface import Measured, PosedSurface, large_pieces

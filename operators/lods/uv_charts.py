@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...crowd_lod.connected_components import connected_components
+from ...crowd_lod.mesh import connected_components
 from ...crowd_lod.progress import finished, run_in_thread
 from ...crowd_lod.simplification.closest_point import barycentric
 from ...crowd_lod.simplification.decimate import LodMesh

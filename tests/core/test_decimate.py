@@ -3,8 +3,8 @@ import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.mesh import Mesh
 from crowd_lod_extension.crowd_lod.simplification import decimate as decimation
+from crowd_lod_extension.crowd_lod.simplification.collapse_choice import quadrics_of
 from crowd_lod_extension.crowd_lod.simplification.decimate import decimate
-from crowd_lod_extension.crowd_lod.simplification.quadrics import quadrics_of
 from crowd_lod_extension.crowd_lod.simplification.triangle_mesh import constrained_edges
 
 pytestmark = pytest.mark.once
