@@ -1,7 +1,7 @@
 """The frustum: the planes of what a camera sees, their rounding, and the spheres that they hold.
 
-All that is culled asks it: spheres here, boxes in frustum_box_test.py, shadows and mirrors in
-volumes.py. The GPU has the same planes (shaders/), the judge its own (validation/exact_frustum.py).
+All that is culled asks it: spheres here, boxes in blocks.py, shadows and mirrors in volumes.py. The
+GPU has the same planes (shaders/), the judge its own (validation/exact_frustum.py).
 """
 
 import math
@@ -125,17 +125,30 @@ def spheres_inside(
     bound: (b,) meters by which a center may lie beyond a plane. The sides are tested only for
         spheres between near and far.
     """
-    *sides, near, far = frustum.limits(margin, ROUNDING)
-    along = depth * frustum.fixed[5]
-    inside = (along <= far + bound) & (along >= -near - bound)
+    sides = frustum.limits(margin, ROUNDING)[:4]
+    before, behind = beyond_clips(frustum, depth, bound)
+    inside = ~(before | behind)
     rest = np.flatnonzero(inside)
-    v = tuple(component[rest] for component in v)
-    bound = bound[rest]
+    v = tuple(component.take(rest) for component in v)
+    bound = bound.take(rest)
     is_between = np.ones(len(rest), bool)
-    for normal, side in zip(frustum.normals, sides, strict=False):
+    for normal, side in zip(frustum.normals[:4], sides, strict=True):
         is_between &= dot(v, normal) <= bound + side
     inside[rest] = is_between
     return inside
+
+
+def beyond_clips(
+    frustum: Frustum, depth: np.ndarray, bound: np.ndarray | float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return which spheres lie before the near plane, and which behind the far one, (b,) bool each.
+
+    depth: v.Z of their centers.
+    bound: meters by which a center may lie beyond a plane.
+    """
+    near, far = frustum.limits(rounding=ROUNDING)[4:]
+    along = depth * frustum.fixed[5]
+    return along < -near - bound, along > far + bound
 
 
 def spheres_in_cone(

@@ -54,7 +54,12 @@ def radar(
         for panoramic cameras. With several cameras it is the least, so that all show the finest LOD
         that one needs.
 
-    Positions relative to the camera are computed in float64.
+    Positions relative to the camera are computed in float64. For a camera without shear and shift
+    the planes of `frustum_of` say what the chapter does, of z = v.Z, y = v.Y and x = v.X:
+
+        near - r <= z <= far + r
+        |y| <= h / 2 + r / cos(fov_y / 2)    with h = 2 z tan(fov_y / 2)
+        |x| <= w / 2 + r / cos(fov_x / 2)    with w = h ratio
     """
     cameras = (cameras,) if isinstance(cameras, Camera) else tuple(cameras)
     count = len(crowd) if agents is None else len(agents)
@@ -67,10 +72,14 @@ def radar(
     with np.errstate(invalid="ignore", over="ignore", under="ignore"):
         for begin in range(0, count, BLOCK):
             block = slice(begin, begin + BLOCK)
-            rows = block if agents is None else agents[block]
-            group = crowd.group[rows]
-            r = radius[group] if options.margin is None else 0.0
-            places = crowd.x[rows], crowd.y[rows], crowd.z[rows] + center[group]
+            x, y, z, group = (
+                column[block] if agents is None else column.take(agents[block])
+                for column in (crowd.x, crowd.y, crowd.z, crowd.group)
+            )
+            # of a single group, two numbers
+            high, own = (v if len(v) == 1 else v.take(group) for v in (center, radius))
+            r = own if options.margin is None else 0.0
+            places = x, y, z + high
             for camera, frustum in views:
                 _look(camera, frustum, places, r, options, (visible[block], distance[block]))
     return visible, distance

@@ -36,7 +36,7 @@ class TrajectoryCache:
     """The caches of one trajectory.
 
     boxes: (frame, the blocks at that frame).
-    order: (frame, (n,) int32 agents in block order), filled up to whole blocks.
+    order: (frame, (n,) int32 agents in block order).
     memo: of frame.plan_of.
     """
 
@@ -105,7 +105,7 @@ def _order_at(trajectory: Trajectory, frame: int) -> np.ndarray:
         order = cache.order = None
         crowd = trajectory.kept_at(frame)
         agents = morton_order.order_of(crowd.x, crowd.y, crowd.group, trajectory.area)
-        order = cache.order = frame, blocks.fill_blocks(agents)
+        order = cache.order = frame, agents
     return order[1]
 
 

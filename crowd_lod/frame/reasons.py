@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..culling.frustum import frustum_of
+from ..culling.frustum import beyond_clips, frustum_of
 from ..levels.assignment import assign, deviations, threshold_distances
 from .frame import Frame
 from .planned import HIDDEN, OVERRIDDEN
@@ -68,17 +68,15 @@ def reasons(frame: Frame) -> np.ndarray:
     reason[frame.levels == 0] = NEAR_ENOUGH
     culled = np.flatnonzero(~frame.visible)
     reason[culled] = BESIDE
-    along = frame.depths[culled]
-    near = frame.camera.near
-    far = frame.camera.far
-    if frame.camera.kind != "PANO":
-        frustum = frustum_of(frame.camera)
-        along = along * frustum.fixed[5]
-        near = -frustum.offsets[4]
-        far = frustum.offsets[5]
+    depth = frame.depths[culled]
     reach = spheres.reach[crowd.group[culled]] if policy.margin is None else 0.0
-    reason[culled[along < near - reach]] = NEAR
-    reason[culled[along > far + reach]] = FAR
+    camera = frame.camera
+    if camera.kind == "PANO":
+        before, behind = depth < camera.near - reach, depth > camera.far + reach
+    else:
+        before, behind = beyond_clips(frustum_of(camera), depth, reach)
+    reason[culled[before]] = NEAR
+    reason[culled[behind]] = FAR
     if frame.hidden is not None:
         reason[frame.hidden] = BEHIND_SCENERY
     if crowd.present is not None:

@@ -10,10 +10,9 @@ import numpy as np
 
 from ..crowd.agents import Crowd
 from ..crowd.leave_outs import BLOCKS, LeftOut
-from ..culling.blocks import Blocks, near
+from ..culling.blocks import BEYOND, Blocks, near
 from ..culling.camera import GRAIN, Camera
 from ..culling.frustum import Frustum
-from ..culling.frustum_box_test import BEYOND
 from ..culling.occluders import Occluders
 from ..culling.occlusion import OcclusionMap
 from ..culling.volumes import (
@@ -211,7 +210,8 @@ class _Sought:
             self.agents[agents[there.test(agents, touches)]] = False
             return
         about = _about(there.blocks, volume, light)
-        leaves = near(there.blocks, self.leaves, there.moved, there.larger, about, touches)
+        numbers = self.leaves.nonzero()[0]
+        leaves = near(there.blocks, numbers, there.moved, there.larger, about, touches)
         rows = there.blocks.rows.take(leaves, axis=0)
         left = self.agents[rows]
         agents = rows[left]

@@ -7,11 +7,10 @@ import numpy as np
 
 from ..crowd.agents import Crowd
 from ..crowd.leave_outs import BLOCKS, LeftOut
-from ..culling.blocks import CULLED, LEAF, BlockDecisions, Blocks, decide
-from ..culling.frustum_box_test import Look
+from ..culling.blocks import CULLED, OPEN, Blocks, Look, decide
 from ..culling.radar import RadarOptions, lost, radar
 from ..levels.assignment import assign
-from ..sorting.buckets import Buckets, sort, sort_blocks, sort_in_order
+from ..sorting.buckets import Buckets, count_groups, sort, sort_blocks, sort_in_order
 from ..sources.trajectory import Trajectory
 from .index_cache import blocks_at, displacement_of
 from .request import Moment, Request
@@ -93,24 +92,24 @@ def _by_blocks(task: Task, since: int, blocks: Blocks) -> Sorted:
     """
     group = task.crowd.group
     dropped = 0 if blocks.finite else len(lost(task.crowd))
-    decided, places = _decide_blocks(task, since, blocks)
-    agents = blocks.rows[decided.open_blocks[places // LEAF], places % LEAF]
+    decided = _decide_blocks(task, since, blocks)
+    agents = blocks.agents((decided == OPEN).nonzero()[0])
     visible, distance = _radar(task, agents)
     task.ticks.append(clock.perf_counter())
-    visible_agents = agents[visible]
-    decided.open_levels.reshape(-1)[places[visible]] = assign(
-        distance[visible], task.thresholds, group[visible_agents], task.factors(visible_agents)
-    )
+    levels = np.full(len(agents), CULLED, np.uint8)
+    seen = agents[visible]
+    levels[visible] = assign(distance[visible], task.thresholds, group[seen], task.factors(seen))
     task.ticks.append(clock.perf_counter())
-    buckets, present = sort_blocks(blocks, decided, group, task.request.policy.count)
+    buckets = sort_blocks(blocks, decided, levels, task.request.policy.count)
+    groups = len(task.trajectory.groups)
+    present = [count_groups(group, buckets[level], groups) for level in range(len(buckets.counts))]
+    counted = np.array(present), count_groups(group, blocks.order, groups)
     task.ticks.append(clock.perf_counter())
-    counted = (present, np.diff(blocks.groups))
     return Sorted(buckets, dropped, task.trajectory.left_out, counted)
 
 
-def _decide_blocks(task: Task, since: int, blocks: Blocks) -> tuple[BlockDecisions, np.ndarray]:
-    """Return what the blocks, made at frame `since`, decide, and the open places."""
-    policy = task.request.policy
+def _decide_blocks(task: Task, since: int, blocks: Blocks) -> np.ndarray:
+    """Return the LOD of each block, made at frame `since`, or CULLED, or OPEN, (b,) uint8."""
     radius = task.moments[0].radius
     views = [
         [
@@ -124,7 +123,7 @@ def _decide_blocks(task: Task, since: int, blocks: Blocks) -> tuple[BlockDecisio
         for moment in task.moments
     ]
     thresholds = task.thresholds if task.request.bias is None else None
-    return decide(blocks, task.crowd, views, thresholds, policy.margin)
+    return decide(blocks, views, thresholds, task.request.policy.margin)
 
 
 def _radar(task: Task, agents: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:

@@ -1,10 +1,11 @@
 """LOD sorting: one contiguous bucket of agents per LOD (chapter section 1.4)."""
 
+from bisect import bisect_left
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..culling.blocks import LEAF, OPEN, BlockDecisions, Blocks, edges
+from ..culling.blocks import CULLED, OPEN, Blocks
 
 
 @dataclass(frozen=True)
@@ -64,23 +65,31 @@ def sort_in_order(levels: np.ndarray, order: np.ndarray, count: int) -> Buckets:
     return Buckets(np.concatenate(buckets), np.cumsum([0, *map(len, buckets)]))
 
 
-def sort_blocks(
-    blocks: Blocks, decided: BlockDecisions, group: np.ndarray, count: int
-) -> tuple[Buckets, np.ndarray]:
-    """Return (buckets of the agents in blocks, their counts (count, G)).
+def sort_blocks(blocks: Blocks, decided: np.ndarray, levels: np.ndarray, count: int) -> Buckets:
+    """Return the buckets of the agents in blocks, in the order of these.
 
-    The counts are by LOD and group. A block whose agents all have one LOD is taken whole.
-    group: (n,) uint8, of all agents.
+    decided: (b,) uint8, the LODs of the blocks; OPEN where agents have their own.
+    levels: (m,) uint8, the LODs of the agents in OPEN blocks; `count` or above for culled agents.
     """
+    is_open = decided == OPEN
+    size = blocks.rows.shape[1]
+    own = np.full((np.count_nonzero(is_open), size), CULLED, np.uint8)
+    own.reshape(-1)[: len(levels)] = levels
     buckets = []
-    groups = len(blocks.groups) - 1
-    differ = decided.leaves == OPEN
     for level in range(count):
-        leaves = ((decided.leaves == level) | differ).nonzero()[0]
-        has_level = np.ones((len(leaves), LEAF), bool)
-        has_level[differ.take(leaves).nonzero()[0]] = decided.open_levels == level
-        buckets.append(blocks.rows.take(leaves, axis=0)[has_level])
-    present = [
-        np.diff(edges(group, agents, groups)) if groups > 1 else [len(agents)] for agents in buckets
-    ]
-    return Buckets(np.concatenate(buckets), np.cumsum([0, *map(len, buckets)])), np.array(present)
+        numbers = ((decided == level) | is_open).nonzero()[0]
+        has_level = np.ones((len(numbers), size), bool)
+        has_level[is_open.take(numbers)] = own == level
+        buckets.append(blocks.rows.take(numbers, axis=0)[has_level])
+    return Buckets(np.concatenate(buckets), np.cumsum([0, *map(len, buckets)]))
+
+
+def count_groups(group: np.ndarray, agents: np.ndarray, groups: int) -> np.ndarray:
+    """Return how many of `agents` (m,), ordered group by group, each group has, (groups,).
+
+    group: (n,) uint8, of all agents; only a few entries are read.
+    """
+    if groups == 1:
+        return np.array([len(agents)])
+    begins = (bisect_left(agents, g, key=group.__getitem__) for g in range(groups))
+    return np.diff([*begins, len(agents)])

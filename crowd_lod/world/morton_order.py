@@ -10,8 +10,8 @@ SHARE = 4
 MOST_BITS = 12
 # Agents whose places along the curve are found at a time.
 BLOCK = 16_384
-# A crowd of fewer agents is tested faster agent by agent: it needs no order.
-FEWEST = 4_000
+# A crowd of fewer agents is planned faster agent by agent: it needs no order.
+FEWEST = 20_000
 
 
 def order_of(x: np.ndarray, y: np.ndarray, group: np.ndarray, area: Area) -> np.ndarray:

@@ -100,7 +100,7 @@ def shot(feet):
 @pytest.mark.parametrize("lens", LENSES)
 def test_nobody_is_culled_whom_float32_positions_show(lens, away, monkeypatch):
     monkeypatch.setattr(morton_order, "FEWEST", 1)
-    monkeypatch.setattr(blocks, "FIRST", 4)
+    monkeypatch.setattr(blocks, "SIZE", 4)
     random = np.random.default_rng([list(LENSES).index(lens), int(away)])
     missed = 0
     beside = 0

@@ -41,7 +41,7 @@ def some_agents(*agents):
 @pytest.fixture(params=[1, 10**9], ids=["blocks", "each agent"])
 def blocks(request, monkeypatch):
     monkeypatch.setattr(morton_order, "FEWEST", request.param)
-    monkeypatch.setattr(culling_blocks, "FIRST", 4)
+    monkeypatch.setattr(culling_blocks, "SIZE", 8)
 
 
 def hills(area=AREA):
