@@ -16,7 +16,7 @@ from ..npz_file import read_arrays
 from .rows import COLUMNS, UNITS, Rows
 
 
-def write(path: Path, rows: Rows) -> None:
+def write_npz(path: Path, rows: Rows) -> None:
     """Write `rows`, in meters, to the file `path`, which need not end in .npz.
 
     The caller puts the file in its place (output/files.py). OSError if it cannot be written.
@@ -25,7 +25,7 @@ def write(path: Path, rows: Rows) -> None:
         np.savez(file, fps=np.float64(rows.rate), **rows.columns)  # type: ignore[arg-type]
 
 
-def read(path: Path) -> Rows:
+def read_npz(path: Path) -> Rows:
     """Return the rows of the file `path`, as they are: check_rows has not seen them.
 
     CrowdError if it is no NPZ, or lacks an array. OSError if it cannot be read.

@@ -56,7 +56,7 @@ def read_rows(
         with path.open("rb") as file:
             head = file.read(len(jupedsim.MAGIC))
         if head.startswith(ZIP):
-            rows = npz.read(path)
+            rows = npz.read_npz(path)
         elif head == jupedsim.MAGIC:
             rows = jupedsim.read_jupedsim(path, tell)
         else:

@@ -98,7 +98,7 @@ def test_build_holds_who_is_there_and_follows_the_frames(followed):
 
 def test_the_files_groups_are_the_scenes(followed, tmp_path):
     named = np.where(ROWS.id % 2 == 0, "child", "adult")
-    npz.write(tmp_path / "named.npz", replace(ROWS, group=named))
+    npz.write_npz(tmp_path / "named.npz", replace(ROWS, group=named))
     followed.crowd_lod.tracks_file = "//named.npz"
     bpy.ops.crowd_lod.populate()
     trajectory = trajectory_of(followed)

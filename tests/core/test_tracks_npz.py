@@ -22,8 +22,8 @@ def rows(**changes):
 
 def test_what_is_written_comes_back_to_the_bit(tmp_path):
     made = rows()
-    npz.write(tmp_path / "crowd.part", made)
-    found = check_rows(npz.read(tmp_path / "crowd.part"), tmp_path)
+    npz.write_npz(tmp_path / "crowd.part", made)
+    found = check_rows(npz.read_npz(tmp_path / "crowd.part"), tmp_path)
     assert found.rate == 25.0 and found.unit == "m"
     assert found.columns.keys() == made.columns.keys()
     assert all(
@@ -32,8 +32,8 @@ def test_what_is_written_comes_back_to_the_bit(tmp_path):
 
 
 def test_what_is_not_known_is_left_out(tmp_path):
-    npz.write(tmp_path / "crowd.npz", rows(z=None, heading=None, phase=None, group=None))
-    found = npz.read(tmp_path / "crowd.npz")
+    npz.write_npz(tmp_path / "crowd.npz", rows(z=None, heading=None, phase=None, group=None))
+    found = npz.read_npz(tmp_path / "crowd.npz")
     assert (found.z, found.heading, found.phase, found.group) == (None,) * 4
 
 
@@ -44,7 +44,7 @@ def test_centimeters_are_rounded_once(tmp_path):
 
 BAD = {
     "a text": lambda path: path.write_text("id frame x y"),
-    "a cut file": lambda path: (npz.write(path, rows()), path.write_bytes(path.read_bytes()[:700])),
+    "a cut file": lambda path: (npz.write_npz(path, rows()), path.write_bytes(path.read_bytes()[:700])),
     "no y": lambda path: np.savez(path, id=[1], frame=[1], x=[0.0]),
     "objects": lambda path: np.savez(path, id=np.array([None]), frame=[1], x=[0.0], y=[0.0]),
     "an unknown unit": lambda path: np.savez(
@@ -53,12 +53,12 @@ BAD = {
     "two rates": lambda path: np.savez(path, id=[1], frame=[1], x=[0.0], y=[0.0], fps=[1.0, 2.0]),
     "no rows": lambda path: np.savez(path, id=[], frame=[], x=[], y=[]),
     "other lengths": lambda path: np.savez(path, id=[1, 2], frame=[1, 2], x=[0.0, 1.0], y=[0.0]),
-    "NaN": lambda path: npz.write(path, rows(y=np.full(20, np.nan))),
-    "a far place": lambda path: npz.write(path, rows(x=np.full(20, 1e300))),
-    "a far frame": lambda path: npz.write(path, rows(frame=np.full(20, -1e300))),
-    "broken ids": lambda path: npz.write(path, rows(id=np.full(20, 1.5))),
-    "texts for numbers": lambda path: npz.write(path, rows(x=np.full(20, "a"))),
-    "groups of fractions": lambda path: npz.write(path, rows(group=np.full(20, 0.5))),
+    "NaN": lambda path: npz.write_npz(path, rows(y=np.full(20, np.nan))),
+    "a far place": lambda path: npz.write_npz(path, rows(x=np.full(20, 1e300))),
+    "a far frame": lambda path: npz.write_npz(path, rows(frame=np.full(20, -1e300))),
+    "broken ids": lambda path: npz.write_npz(path, rows(id=np.full(20, 1.5))),
+    "texts for numbers": lambda path: npz.write_npz(path, rows(x=np.full(20, "a"))),
+    "groups of fractions": lambda path: npz.write_npz(path, rows(group=np.full(20, 0.5))),
 }
 
 
@@ -67,4 +67,4 @@ def test_what_cannot_be_used_is_named_in_a_sentence(tmp_path, fault):
     path = tmp_path / "bad.npz"
     BAD[fault](path)
     with pytest.raises(CrowdError, match="bad.npz"):
-        check_rows(npz.read(path), path)
+        check_rows(npz.read_npz(path), path)

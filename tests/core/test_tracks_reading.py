@@ -84,7 +84,7 @@ FORMATS = {
         path, [(i, int(f), str(x).replace(".", ","), str(y).replace(".", ",")) for i, f, x, y in COLUMNS], ["id", "frame", "x", "y"], ";"
     ),
     "Windows": lambda path: path.write_bytes(lines(BY_ID, "{},{:.0f},{},{}\r", "\ufeffid,frame,x,y\r\n\r\n").encode()),
-    "NPZ": lambda path: npz.write(path, ROWS),
+    "NPZ": lambda path: npz.write_npz(path, ROWS),
     "JuPedSim 1": lambda path: database(path, 1),
     "JuPedSim 2": lambda path: database(path, 2),
     "JuPedSim 3": lambda path: database(path, 3),

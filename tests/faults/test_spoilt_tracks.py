@@ -64,7 +64,7 @@ SOURCES = FORMATS | {
         FORMATS["CSV"](path),
         path.write_bytes(path.read_bytes().decode().encode("utf-16")),
     ),
-    "NPZ, packed": lambda path: npz.write(path, ROWS),
+    "NPZ, packed": lambda path: npz.write_npz(path, ROWS),
 }
 
 

@@ -196,7 +196,7 @@ def record_crowds(
             crowds, snapshots, frames_with_points, paths, strict=True
         ):
             rows = _rows(crowd, crowd_snapshots, crowd_frames, len(times), groups)
-            npz.write(stack.enter_context(files.staged_file(path)), rows)
+            npz.write_npz(stack.enter_context(files.staged_file(path)), rows)
     for crowd, path, crowd_frames in zip(crowds, paths, frames_with_points, strict=True):
         crowd.source = "FILE"
         crowd.tracks_file = str(path)
