@@ -9,7 +9,11 @@ def number(value: float | None) -> str:
 
     From 1000 on, all digits before the decimal point are written, with thousands separators.
     """
-    return "-" if value is None else f"{value:,.0f}" if abs(value) >= 999.5 else f"{value:.3g}"
+    if value is None:
+        return "-"
+    if abs(value) >= 999.5:
+        return f"{value:,.0f}"
+    return f"{value:.3g}"
 
 
 def byte_size(size: float) -> str:

@@ -208,8 +208,8 @@ class Crowd:
         where it will enter, or where it left.
     played: (n,) uint8, index of the pace that the agent shows: `pace`, or a step of the cross-fade
         to it; None where no states cross-fade.
-    faded: (n,) float32, the part of the agent's cross-fade that is over, 1 without one; None
-        likewise.
+    faded: (n,) float32, which part of the agent's cross-fade is over: 1 where none goes on; None
+        where no states cross-fade.
 
     These are 49 bytes per agent, and 5 more with cross-fades. All from `wait` on may be left out.
     Then no timer runs, the keys are those of seed 0, no way is reflected, and all have the first

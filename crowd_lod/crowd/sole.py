@@ -1,4 +1,4 @@
-"""The height at which a character stands: that of its soles, whatever hangs lower."""
+"""The height at which a character stands: that of its soles, though a sword may hang lower."""
 
 import numpy as np
 

@@ -1,7 +1,7 @@
 """The least of a table within rectangles of it.
 
-Of squares of 1, 2, 4 ... cells that begin at each cell, the least is found once. Few of them, which
-overlap, cover a rectangle (Bender, Farach-Colton 2000).
+A sparse table (Bender, Farach-Colton 2000): the least of every square of 2^k cells is found once. A
+rectangle is covered by a few of the largest squares that fit into it, which may overlap.
 """
 
 import numpy as np
@@ -20,10 +20,10 @@ class RectangleMinima:
             side *= 2
 
     def of(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-        """Return the least from the cells `low` to `high` (m, 2), column and row, (m,).
+        """Return the least of each rectangle, (m,).
 
-        They lie in the table. Of a rectangle that is long and narrow, cells beside it count as
-        well.
+        low, high: (m, 2), its first and last column and row, within the table. A rectangle longer
+            than LONG times its width counts as wider: the least of cells beside it counts as well.
         """
         wide = high - low + 1
         side = np.maximum(wide.min(axis=1), -(-wide.max(axis=1) // LONG))
@@ -36,9 +36,10 @@ class RectangleMinima:
 
 
 def _doubled(squares: np.ndarray, side: int) -> np.ndarray:
-    """Return the least of squares twice as wide as `squares` (rows, columns), at each cell.
+    """Return the least of each square twice as wide, (rows, columns), at its first cell.
 
-    side: cells of these. What of a square lies beyond the table does not count.
+    squares: (rows, columns), the same of squares of `side` cells. Cells beyond the table do not
+        count.
     """
     doubled = squares.copy()
     doubled[:-side] = np.minimum(squares[:-side], squares[side:])

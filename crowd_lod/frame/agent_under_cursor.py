@@ -11,7 +11,7 @@ from ..errors import CrowdError
 from ..levels.assignment import pixels_of
 from ..sorting.buckets import sort
 from .frame import Frame
-from .reasons import BESIDE, REASONS, reasons
+from .reasons import REASONS, Reason, reasons
 
 SIDES = "right of", "left of", "above", "below"  # in the order of a frustum's planes
 
@@ -102,8 +102,8 @@ def account(frame: Frame, agent: int) -> Account:
     error = None
     if (depth > 0 or camera.kind == "ORTHO") and len(group.bounds) > level:
         error = float(pixels_of(group.bounds[level], depth, camera, group.radius))
-    reason = int(reasons(alone)[0])
-    is_beside = reason == BESIDE and camera.kind != "PANO"
+    reason = Reason(int(reasons(alone)[0]))
+    is_beside = reason == Reason.BESIDE and camera.kind != "PANO"
     return Account(
         agent=agent,
         visible=bool(alone.visible[0]),

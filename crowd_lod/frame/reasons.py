@@ -1,6 +1,7 @@
 """Why an agent is culled, or does not have the finest LOD."""
 
 from dataclasses import replace
+from enum import IntEnum
 
 import numpy as np
 
@@ -9,36 +10,40 @@ from ..levels.assignment import assign, deviations, threshold_distances
 from .frame import Frame
 from .planned import HIDDEN, OVERRIDDEN
 
-REASONS = (
-    "near enough",
-    "far away",
-    "detail map",
-    "clipped before the near plane",
-    "clipped beyond the far plane",
-    "outside the frustum",
-    "finer LODs left out for memory",
-    "shot plan",
-    "override",
-    "hidden by scenery",
-    "not there at this time",
-)
-(
-    NEAR_ENOUGH,
-    DISTANCE,
-    DETAIL_MAP,
-    NEAR,
-    FAR,
-    BESIDE,
-    LEFT_OUT,
-    SHOT_PLAN,
-    OVERRIDE,
-    BEHIND_SCENERY,
-    ABSENT,
-) = range(len(REASONS))
+
+class Reason(IntEnum):
+    """Why an agent is culled, or has its LOD."""
+
+    NEAR_ENOUGH = 0
+    DISTANCE = 1
+    DETAIL_MAP = 2
+    NEAR = 3
+    FAR = 4
+    BESIDE = 5
+    LEFT_OUT = 6
+    SHOT_PLAN = 7
+    OVERRIDE = 8
+    BEHIND_SCENERY = 9
+    ABSENT = 10
+
+
+REASONS = {
+    Reason.NEAR_ENOUGH: "near enough",
+    Reason.DISTANCE: "far away",
+    Reason.DETAIL_MAP: "detail map",
+    Reason.NEAR: "clipped before the near plane",
+    Reason.FAR: "clipped beyond the far plane",
+    Reason.BESIDE: "outside the frustum",
+    Reason.LEFT_OUT: "finer LODs left out for memory",
+    Reason.SHOT_PLAN: "shot plan",
+    Reason.OVERRIDE: "override",
+    Reason.BEHIND_SCENERY: "hidden by scenery",
+    Reason.ABSENT: "not there at this time",
+}
 
 
 def reasons(frame: Frame) -> np.ndarray:
-    """Return for each agent of `frame` an index (n,) uint8 into REASONS.
+    """Return the Reason of each agent of `frame`, (n,) uint8.
 
     A culled agent lies before near or beyond far of the first camera by its sphere, or else beside
     the view. A LOD that the distance alone does not give comes from the detail map, stands in for a
@@ -61,13 +66,13 @@ def reasons(frame: Frame) -> np.ndarray:
     painted = plain
     if frame.bias is not None:
         painted = assign(frame.distances, thresholds, crowd.group, frame.factors)
-    reason = np.full(len(crowd), DISTANCE, np.uint8)
-    reason[painted != plain] = DETAIL_MAP
-    reason[painted < finest] = LEFT_OUT
-    reason[frame.levels != np.maximum(painted, finest)] = SHOT_PLAN
-    reason[frame.levels == 0] = NEAR_ENOUGH
+    reason = np.full(len(crowd), Reason.DISTANCE, np.uint8)
+    reason[painted != plain] = Reason.DETAIL_MAP
+    reason[painted < finest] = Reason.LEFT_OUT
+    reason[frame.levels != np.maximum(painted, finest)] = Reason.SHOT_PLAN
+    reason[frame.levels == 0] = Reason.NEAR_ENOUGH
     culled = np.flatnonzero(~frame.visible)
-    reason[culled] = BESIDE
+    reason[culled] = Reason.BESIDE
     depth = frame.depths[culled]
     reach = spheres.reach[crowd.group[culled]] if policy.margin is None else 0.0
     camera = frame.camera
@@ -75,14 +80,14 @@ def reasons(frame: Frame) -> np.ndarray:
         before, behind = depth < camera.near - reach, depth > camera.far + reach
     else:
         before, behind = beyond_clips(frustum_of(camera), depth, reach)
-    reason[culled[before]] = NEAR
-    reason[culled[behind]] = FAR
+    reason[culled[before]] = Reason.NEAR
+    reason[culled[behind]] = Reason.FAR
     if frame.hidden is not None:
-        reason[frame.hidden] = BEHIND_SCENERY
+        reason[frame.hidden] = Reason.BEHIND_SCENERY
     if crowd.present is not None:
-        reason[~crowd.present] = ABSENT
+        reason[~crowd.present] = Reason.ABSENT
     if frame.plan_row is not None:
         reason[
             (frame.plan_row & HIDDEN != 0) | (frame.visible & (frame.plan_row & OVERRIDDEN != 0))
-        ] = OVERRIDE
+        ] = Reason.OVERRIDE
     return reason

@@ -55,10 +55,9 @@ def stand_ins(is_held: np.ndarray, roles: Roles) -> np.ndarray:
         classes = roles.phase_class[members].astype(np.intp)
         ahead = (classes[place] - classes[:, None]) % CLASSES
         apart = np.minimum(ahead, CLASSES - ahead)
-        coarser = np.maximum(level - levels[:, None], 0)
-        finer = np.maximum(levels[:, None] - level, 0)
-        # (K, members, meshes): first who is coarser, then who is out of phase, then who is finer
-        cost = ((coarser * CLASSES)[:, None, :] + apart) * (count + 1) + finer[:, None, :]
-        best = cost.argmin(axis=2)
+        coarser = np.maximum(level - levels[:, None], 0)[:, None, :]
+        finer = np.maximum(levels[:, None] - level, 0)[:, None, :]
+        # (K, members, meshes), the last key first
+        best = np.lexsort(np.broadcast_arrays(finer, apart, coarser))[..., 0]
         stand_in[:, :, members] = level[best], members[place[best]]
     return stand_in

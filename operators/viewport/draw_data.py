@@ -89,7 +89,7 @@ def by_reason(frame: Frame) -> Colors:
         reasons(frame),
         _opaque([*TINTS, BROWN, SLATE, BLACK]),
         culled=True,
-        names=tuple(reason[:1].upper() + reason[1:] for reason in REASONS),
+        names=tuple(reason[:1].upper() + reason[1:] for reason in REASONS.values()),
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from ...crowd_lod.format import counted, number
 from ...crowd_lod.frame.agent_under_cursor import Account
 from ...crowd_lod.frame.frame import Frame
-from ...crowd_lod.frame.reasons import DISTANCE, NEAR_ENOUGH, REASONS
+from ...crowd_lod.frame.reasons import REASONS, Reason
 from ..blender.colors import to_srgb
 from . import shader_programs
 from .draw_data import HIDDEN, Colors
@@ -38,7 +38,7 @@ LEAST = 8.0  # nominal pixels, the ring's least radius
 CORNERS = 48
 NARROWEST = 120.0  # nominal pixels, below which nothing is written
 MOST_NAMES = 12  # of a legend
-BY_DISTANCE = REASONS[NEAR_ENOUGH], REASONS[DISTANCE]  # reasons that the depth tells
+BY_DISTANCE = REASONS[Reason.NEAR_ENOUGH], REASONS[Reason.DISTANCE]  # reasons that the depth tells
 
 
 @dataclass(frozen=True)

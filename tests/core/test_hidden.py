@@ -12,7 +12,7 @@ from crowd_lod_extension.crowd_lod.culling.occluders import join_occluders
 from crowd_lod_extension.crowd_lod.culling.shutter import open_shutter
 from crowd_lod_extension.crowd_lod.culling.volumes import Light, Mirror
 from crowd_lod_extension.crowd_lod.frame.frame import plan
-from crowd_lod_extension.crowd_lod.frame.reasons import BEHIND_SCENERY, reasons
+from crowd_lod_extension.crowd_lod.frame.reasons import Reason, reasons
 from crowd_lod_extension.crowd_lod.frame.shadows import Surroundings, surround
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 from crowd_lod_extension.crowd_lod.output.tables import row
@@ -57,7 +57,7 @@ def test_hidden_agents_are_in_no_bucket_and_are_told(crowd):
     everyone = np.sort(np.concatenate([frame.buckets.order, hidden]))
     np.testing.assert_array_equal(everyone, np.sort(whole.buckets.order))
     assert frame.triangles < whole.triangles
-    assert (reasons(frame)[hidden] == BEHIND_SCENERY).all()
+    assert (reasons(frame)[hidden] == Reason.BEHIND_SCENERY).all()
     columns = row(1, frame, {})
     assert columns["hidden"] == len(hidden)
     assert columns["occlusion_ms"] > 0

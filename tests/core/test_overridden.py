@@ -11,7 +11,7 @@ from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS, NOTHING, STAT
 from crowd_lod_extension.crowd_lod.culling import blocks as culling_blocks
 from crowd_lod_extension.crowd_lod.culling.volumes import Light
 from crowd_lod_extension.crowd_lod.frame.frame import plan
-from crowd_lod_extension.crowd_lod.frame.reasons import ABSENT, reasons
+from crowd_lod_extension.crowd_lod.frame.reasons import Reason, reasons
 from crowd_lod_extension.crowd_lod.frame.shadows import Surroundings, surround
 from crowd_lod_extension.crowd_lod.shot.overrides import agents_text, parse_agents
 from crowd_lod_extension.crowd_lod.sources.overridden import CrowdOverride, Overridden
@@ -271,7 +271,7 @@ def test_who_is_hidden_casts_no_shadow_and_is_in_no_figure(blocks):
     )
     shown = np.concatenate([frame.buckets.order, frame.shadow.order, frame.mirrored.order])
     assert len(gone) == 8 and not np.isin(shown, gone).any() and not frame.culled[gone].any()
-    assert frame.crowd.there == 592 and (reasons(frame)[gone] == ABSENT).all()
+    assert frame.crowd.there == 592 and (reasons(frame)[gone] == Reason.ABSENT).all()
     assert frame.full_triangles == plain.full_triangles - sum(
         GROUPS[g].triangles[0] for g in base.start.group[gone]
     )

@@ -20,17 +20,7 @@ from crowd_lod_extension.crowd_lod.crowd.agents import Crowd, Group
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
 from crowd_lod_extension.crowd_lod.frame.frame import plan
-from crowd_lod_extension.crowd_lod.frame.reasons import (
-    BESIDE,
-    DETAIL_MAP,
-    DISTANCE,
-    FAR,
-    LEFT_OUT,
-    NEAR,
-    NEAR_ENOUGH,
-    SHOT_PLAN,
-    reasons,
-)
+from crowd_lod_extension.crowd_lod.frame.reasons import Reason, reasons
 from crowd_lod_extension.crowd_lod.levels.assignment import Bias, LevelPolicy
 from crowd_lod_extension.crowd_lod.world.height_map import HeightMap
 from crowd_lod_extension.crowd_lod.world.maps import Area, edge_map
@@ -151,13 +141,20 @@ def planned(bias=None, policy=PLAIN):
 
 
 def test_each_agent_has_its_reason():
-    assert reasons(planned()).tolist() == [NEAR_ENOUGH, DISTANCE, FAR, BESIDE, NEAR, NEAR_ENOUGH]
+    assert reasons(planned()).tolist() == [
+        Reason.NEAR_ENOUGH,
+        Reason.DISTANCE,
+        Reason.FAR,
+        Reason.BESIDE,
+        Reason.NEAR,
+        Reason.NEAR_ENOUGH,
+    ]
     dark = Bias(np.zeros((2, 2)), Area(-100, -100, 100, 100))
     frame = planned(dark)
     assert frame.levels[5] == 2 and reasons(frame)[[0, 1, 5]].tolist() == [
-        DETAIL_MAP,
-        DISTANCE,
-        DETAIL_MAP,
+        Reason.DETAIL_MAP,
+        Reason.DISTANCE,
+        Reason.DETAIL_MAP,
     ]
 
 
@@ -165,17 +162,24 @@ def test_who_lacks_finer_lods_is_told_so_and_who_asks_for_none_is_not():
     limited = replace(PLAIN, finest=(1,))
     frame = planned(None, limited)
     assert frame.levels[[0, 1, 5]].tolist() == [1, 2, 1]
-    assert reasons(frame).tolist() == [LEFT_OUT, DISTANCE, FAR, BESIDE, NEAR, LEFT_OUT]
+    assert reasons(frame).tolist() == [
+        Reason.LEFT_OUT,
+        Reason.DISTANCE,
+        Reason.FAR,
+        Reason.BESIDE,
+        Reason.NEAR,
+        Reason.LEFT_OUT,
+    ]
     frame = planned(None, replace(limited, thresholds=(0.15, 0.5)))  # LOD 1 begins at 6 m
-    assert reasons(frame)[[0, 1, 5]].tolist() == [LEFT_OUT, DISTANCE, DISTANCE]
+    assert reasons(frame)[[0, 1, 5]].tolist() == [Reason.LEFT_OUT, Reason.DISTANCE, Reason.DISTANCE]
     dark = Bias(np.full((2, 2), 0.1), Area(-100, -100, 100, 100))
     frame = planned(dark, limited)  # 5 m counts as 15 m, and 8 m as 24 m
     assert frame.levels[[0, 5]].tolist() == [1, 2] and reasons(frame)[[0, 5]].tolist() == [
-        DETAIL_MAP,
-        DETAIL_MAP,
+        Reason.DETAIL_MAP,
+        Reason.DETAIL_MAP,
     ]
     old = frame.levels.copy()
     old[0] = 2
     frame = planned(None, limited)
     by_plan = replace(frame, known_levels=old, plan_row=old)
-    assert reasons(by_plan)[0] == SHOT_PLAN
+    assert reasons(by_plan)[0] == Reason.SHOT_PLAN

@@ -44,7 +44,10 @@ def test_centimeters_are_rounded_once(tmp_path):
 
 BAD = {
     "a text": lambda path: path.write_text("id frame x y"),
-    "a cut file": lambda path: (npz.write_npz(path, rows()), path.write_bytes(path.read_bytes()[:700])),
+    "a cut file": lambda path: (
+        npz.write_npz(path, rows()),
+        path.write_bytes(path.read_bytes()[:700]),
+    ),
     "no y": lambda path: np.savez(path, id=[1], frame=[1], x=[0.0]),
     "objects": lambda path: np.savez(path, id=np.array([None]), frame=[1], x=[0.0], y=[0.0]),
     "an unknown unit": lambda path: np.savez(
