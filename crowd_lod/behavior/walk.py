@@ -11,13 +11,12 @@ import numpy as np
 
 from ..animation.phase_classes import gaits_of
 from ..crowd.agents import CLASSES, Crowd, Group
-from ..crowd.leave_outs import ALL, NOTHING, STILL, LeftOut
 from ..crowd.state_machine import StateMachine
 from ..crowd.velocity_bounds import STANDING, VelocityBounds
 from ..progress import run_in_thread
 from ..sources.trajectory import PART, States, Trajectory
 from ..world.maps import Area, LabelMap
-from ..world.needless import needless, needless_of_places
+from ..world.needless import stays_still
 from ..world.terrain import Ground, Terrain
 from .plain_step import look_up_paces
 from .step import step
@@ -76,7 +75,6 @@ class Walk(Trajectory):
     every: int = 16
     heights: Ground | None = None
     tilts: bool = False
-    leave: frozenset[LeftOut] = ALL
     classes: int = CLASSES
     seated: bool = False
 
@@ -86,8 +84,7 @@ class Walk(Trajectory):
         layered = self.heights is not None and not self.seated and self.heights.layered
         self._floors = self.heights if layered else None
         self._place_start()
-        behavior = needless(self.start, self.machine, self.world)
-        self.left_out = self.leave & (behavior | needless_of_places(self.start))
+        self.still = stays_still(self.start, self.machine, self.world)
         self._fade_start()
         # on the map, where the state machine knows them
         self._first = _onto(self.world.area, self.start) if self.seated else self.start
@@ -137,7 +134,7 @@ class Walk(Trajectory):
         if self._ground is not None and self._ground[0] is crowd.x:
             return replace(crowd, z=self._ground[1])
         z = self.heights.at(crowd.x, crowd.y)
-        self._ground = (crowd.x, z) if STILL in self.left_out else None
+        self._ground = (crowd.x, z) if self.still else None
         return replace(crowd, z=z)
 
     def approach(
@@ -166,23 +163,10 @@ class Walk(Trajectory):
         """The frame, counted from 0, whose crowd was computed last."""
         return self._recent[0][0]
 
-    @cached_property
-    def full(self) -> "Trajectory":
-        """Return the same trajectory with nothing left out."""
-        return replace(self, leave=NOTHING)
-
     def kept_at(self, frame: int) -> Crowd:
         """Return the crowd at a whole `frame`, counted from 0."""
         crowd = self._kept.get(frame)
         return self._on_ground(self._at_whole(frame) if crowd is None else crowd)
-
-    def leaving(self, leave: frozenset[LeftOut], time: float) -> "Walk":
-        """Return the same crowd from `time` on, a whole frame, with only `leave` left out."""
-        start = self._at_whole(int(max(time - self.first_frame, 0)))
-        start = self._on_ground(start) if self.seated else start
-        walk = replace(self, start=start, leave=leave, first_frame=int(time))
-        walk.left_out = leave & self.left_out  # of the whole shot, not of what is still to come
-        return walk
 
     @cached_property
     def area(self) -> Area:
@@ -207,7 +191,7 @@ class Walk(Trajectory):
 
     @cached_property
     def _velocity(self) -> VelocityBounds:
-        if self.seated or STILL in self.left_out:
+        if self.seated or self.still:
             return STANDING
         return bounds_of_walk(self.machine, self.heights)
 
@@ -276,7 +260,7 @@ class Walk(Trajectory):
     def _step(self, crowd: Crowd, frames: float, since: int) -> Crowd:
         """Return the crowd `frames`, at most 1, after frame `since`, counted from 0."""
         # the first step takes who stands off the map onto it
-        if STILL in self.left_out and crowd is not self._first:
+        if self.still and crowd is not self._first:
             return crowd
         moved = step(crowd, self.machine, self.world, frames * self.seconds_per_frame)
         moved = self.gaits.continue_phases(
@@ -343,7 +327,7 @@ class Walk(Trajectory):
             before = frame, crowd
             crowd = self._step(crowd, 1.0, frame)
             frame += 1
-            if frame % self.every == 0 or (frame == 1 and STILL in self.left_out):
+            if frame % self.every == 0 or (frame == 1 and self.still):
                 self._keep(frame, crowd)
             self._recent = ((frame, crowd), before) if self._looks_back else ((frame, crowd),)
         return frame, crowd

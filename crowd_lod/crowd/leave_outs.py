@@ -44,8 +44,3 @@ WORKBENCH = LeftOut(
     "Workbench draws no shadows of lights and no reflections: agents that the camera does not see "
     "are left out.",
 )
-
-# In the order of the pipeline.
-ITEMS = (STATIC, STILL, BLOCKS)
-ALL = frozenset(ITEMS)
-NOTHING: frozenset[LeftOut] = frozenset()

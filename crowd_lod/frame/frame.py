@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ..crowd.agents import Crowd
-from ..crowd.leave_outs import ITEMS, STATIC, STILL, LeftOut
+from ..crowd.leave_outs import BLOCKS, STATIC, STILL, LeftOut
 from ..culling.camera import Camera, as_pictured
 from ..culling.coverage import covered_pixels
 from ..culling.radar import RadarOptions, radar
@@ -179,7 +179,7 @@ def plan_of(trajectory: Trajectory, request: Request) -> Frame:
     ]
     inputs = None
     outcome = None
-    if STATIC in trajectory.leave and STILL in trajectory.left_out:
+    if trajectory.still:
         inputs = _inputs(trajectory, crowd, request, views)
         outcome = _recall(trajectory, *inputs)
     if outcome is not None:
@@ -254,7 +254,7 @@ def _outcome(task: Task) -> Outcome:
         full_vertices=full_vertices,
         full_triangles=full_triangles,
         dropped=result.dropped,
-        left_out=tuple(item for item in ITEMS if item in result.left_out),
+        left_out=(STILL,) * task.trajectory.still + (BLOCKS,) * result.in_blocks,
         known_levels=result.levels,
     )
 

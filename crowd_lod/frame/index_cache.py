@@ -20,7 +20,6 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ..crowd.leave_outs import STILL
 from ..crowd.velocity_bounds import STANDING, VelocityBounds
 from ..culling import blocks
 from ..sources.trajectory import PART, Trajectory
@@ -66,7 +65,7 @@ def blocks_at(trajectory: Trajectory, time: float) -> tuple[int, blocks.Blocks] 
         return None
     first = trajectory.first_frame
     frame = int(max(time - first, 0.0))
-    if STILL in trajectory.left_out:
+    if trajectory.still:
         frame = min(frame, 1)  # two serve all frames: of the start, and of the only step
     else:
         frame -= frame % trajectory.every
@@ -127,8 +126,7 @@ def displacement_of(
     """
     frames = max(time, trajectory.first_frame) - since
     velocity = _velocity(trajectory, since)
-    is_still = STILL in trajectory.left_out
-    holds = is_still or -SHUTTER <= frames <= trajectory.every + SHUTTER
+    holds = trajectory.still or -SHUTTER <= frames <= trajectory.every + SHUTTER
     if velocity is None or not holds:
         return np.full(3, -np.inf), np.full(3, np.inf)
     return velocity.between([frames * trajectory.seconds_per_frame])

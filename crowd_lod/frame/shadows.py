@@ -9,7 +9,7 @@ from itertools import product, repeat, zip_longest
 import numpy as np
 
 from ..crowd.agents import Crowd
-from ..crowd.leave_outs import BLOCKS, LeftOut
+from ..crowd.leave_outs import LeftOut
 from ..culling.blocks import BEYOND, Blocks, near
 from ..culling.camera import GRAIN, Camera
 from ..culling.frustum import Frustum
@@ -69,9 +69,7 @@ def surround(frame: Frame, around: Surroundings) -> Frame:
     begun = clock.perf_counter()
     trajectory = frame.trajectory
     unseen = frame.culled
-    dated_blocks = None
-    if BLOCKS in trajectory.leave & trajectory.left_out:
-        dated_blocks = index_cache.blocks_at(trajectory, frame.time)
+    dated_blocks = index_cache.blocks_at(trajectory, frame.time)
     leaves = len(dated_blocks[1].rows) if dated_blocks else 0
     reflects, shades = (_Sought(unseen.copy(), np.ones(leaves, bool)) for _ in range(2))
     looked_at = moments(trajectory, frame) if around.lights or around.mirrors else []

@@ -6,11 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..crowd.agents import Crowd
-from ..crowd.leave_outs import BLOCKS, LeftOut
 from ..culling.blocks import CULLED, OPEN, Blocks, Look, decide
 from ..culling.radar import RadarOptions, lost, radar
 from ..levels.assignment import assign
-from ..sorting.buckets import Buckets, count_groups, sort, sort_blocks, sort_in_order
+from ..sorting.buckets import Buckets, count_groups, sort, sort_blocks
 from ..sources.trajectory import Trajectory
 from .index_cache import blocks_at, displacement_of
 from .request import Moment, Request
@@ -44,14 +43,14 @@ class Sorted:
     """The result of a task.
 
     dropped: agents at NaN or infinity.
-    left_out: what was not needed.
+    in_blocks: whether blocks of agents were decided at once.
     counted: from `tally`, if it is at hand.
     levels: (n,) uint8, of all agents, if they are at hand.
     """
 
     buckets: Buckets
     dropped: int
-    left_out: frozenset[LeftOut]
+    in_blocks: bool
     counted: tuple[np.ndarray, np.ndarray] | None = None
     levels: np.ndarray | None = None
 
@@ -59,30 +58,19 @@ class Sorted:
 def sorted_by_level(task: Task) -> Sorted:
     """Return the visible agents by LOD."""
     dated_blocks = blocks_at(task.trajectory, task.request.time)
-    if dated_blocks is not None and BLOCKS in task.trajectory.leave & task.trajectory.left_out:
-        return _by_blocks(task, *dated_blocks)
-    return _one_block(task, dated_blocks and dated_blocks[1])
+    return _one_by_one(task) if dated_blocks is None else _by_blocks(task, *dated_blocks)
 
 
-def _one_block(task: Task, blocks: Blocks | None) -> Sorted:
-    """Test every agent: the crowd is one block, and undecided.
-
-    For small crowds, whose blocks would cost more than they save, and where BLOCKS is not left out.
-    blocks: those of the crowd, if it has any: they give the order of the agents.
-    """
+def _one_by_one(task: Task) -> Sorted:
+    """Test every agent."""
     dropped = len(lost(task.crowd))
     visible, distance = _radar(task)
     task.ticks.append(clock.perf_counter())
     levels = assign(distance, task.thresholds, task.crowd.group, task.factors())
     task.ticks.append(clock.perf_counter())
-    count = task.request.policy.count
-    if blocks is None:
-        buckets = sort(visible, levels, count)
-    else:
-        visible_levels = np.where(visible, levels, CULLED)
-        buckets = sort_in_order(visible_levels[blocks.order], blocks.order, count)
+    buckets = sort(visible, levels, task.request.policy.count)
     task.ticks.append(clock.perf_counter())
-    return Sorted(buckets, dropped, task.trajectory.left_out - {BLOCKS}, levels=levels)
+    return Sorted(buckets, dropped, False, levels=levels)
 
 
 def _by_blocks(task: Task, since: int, blocks: Blocks) -> Sorted:
@@ -105,7 +93,7 @@ def _by_blocks(task: Task, since: int, blocks: Blocks) -> Sorted:
     present = [count_groups(group, buckets[level], groups) for level in range(len(buckets.counts))]
     counted = np.array(present), count_groups(group, blocks.order, groups)
     task.ticks.append(clock.perf_counter())
-    return Sorted(buckets, dropped, task.trajectory.left_out, counted)
+    return Sorted(buckets, dropped, True, counted)
 
 
 def _decide_blocks(task: Task, since: int, blocks: Blocks) -> np.ndarray:

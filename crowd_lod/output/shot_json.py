@@ -34,10 +34,7 @@ def shot_facts(
     reasons += [(item.stage, item.reason) for item in report.left_out]
     return {
         "preview": None,
-        "left_out": [
-            {"stage": stage, "reason": reason, "ms_saved": None, "ms_spread": None}
-            for stage, reason in reasons
-        ],
+        "left_out": [{"stage": stage, "reason": reason} for stage, reason in reasons],
         "frames": shot_rows(report),
         "made_of": dict(stored.made_of),
         "shot": {

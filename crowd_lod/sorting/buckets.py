@@ -55,16 +55,6 @@ def sort(visible: np.ndarray, ids: np.ndarray, count: int) -> Buckets:
     return Buckets(agents[np.argsort(levels, kind="stable")], offsets)
 
 
-def sort_in_order(levels: np.ndarray, order: np.ndarray, count: int) -> Buckets:
-    """Return the buckets of agents that are not in agent order.
-
-    order: (n,) int32, agent indices.
-    levels: (n,) uint8, their LOD ids; `count` or above for culled agents.
-    """
-    buckets = [order[levels == level] for level in range(count)]
-    return Buckets(np.concatenate(buckets), np.cumsum([0, *map(len, buckets)]))
-
-
 def sort_blocks(blocks: Blocks, decided: np.ndarray, levels: np.ndarray, count: int) -> Buckets:
     """Return the buckets of the agents in blocks, in the order of these.
 

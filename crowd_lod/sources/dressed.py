@@ -8,10 +8,8 @@ import numpy as np
 from ..animation.phase_classes import Gaits
 from ..crowd import random_streams
 from ..crowd.agents import Crowd
-from ..crowd.leave_outs import LeftOut
 from ..crowd.velocity_bounds import VelocityBounds
 from ..crowd.wardrobe import draw_parts, slots_of
-from ..world.needless import needless_of_places
 from .around import AroundTrajectory
 from .reused_columns import ReusedColumns
 from .trajectory import Trajectory
@@ -45,12 +43,7 @@ class Dressed(AroundTrajectory):
             self.given_phases = base.given_phases[self.wearer]
         self._columns = ReusedColumns()
         self.start = self._of(base.start)
-        self.leave = base.leave
-        behavior = {item for item in base.left_out if item.stage == "behavior"}
-        places = needless_of_places(self.start)
-        self.left_out = self.leave & (
-            behavior | {item for item in places if item.stage != "behavior"}
-        )
+        self.still = base.still
 
     @property
     def bare(self) -> Trajectory:
@@ -86,12 +79,6 @@ class Dressed(AroundTrajectory):
     def ground(self, crowd: Crowd, agents: np.ndarray) -> np.ndarray | None:
         """Return the height of the ground under the wearers of `agents`."""
         return self.base.ground(self._bare(crowd), self.wearer[agents])
-
-    def leaving(self, leave: frozenset[LeftOut], time: float) -> "Dressed":
-        """Return the same crowd with only `leave` left out."""
-        dressed = Dressed(self.base.leaving(leave, time))
-        dressed.left_out = leave & self.left_out
-        return dressed
 
     def digests(self) -> dict[str, bytes]:
         """Return the wearers', and what they wear."""

@@ -6,10 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..crowd.agents import Crowd
-from ..crowd.leave_outs import LeftOut
 from ..crowd.velocity_bounds import VelocityBounds
 from ..world.maps import Area
-from ..world.needless import needless_of_places
 from .around import AroundTrajectory
 from .reused_columns import ReusedColumns
 from .trajectory import Trajectory
@@ -68,9 +66,7 @@ class Overridden(AroundTrajectory):
         self.first_frame = base.first_frame
         self._columns = ReusedColumns()
         self.start = self._of(base.start)
-        self.leave = base.leave
-        behavior = {item for item in base.left_out if item.stage == "behavior"}
-        self.left_out = self.leave & (behavior | needless_of_places(self.start))
+        self.still = base.still
         # Blocks hold for agents that leave the area only if these are put back onto it.
         moves_off = base.wraps or not _all_on(base.start, self._moved, base.area)
         self._leaves_area = bool(len(self._moved)) and moves_off
@@ -101,12 +97,6 @@ class Overridden(AroundTrajectory):
             self.base.regrouped(group),
             [replace(override, group=None) for override in self.overrides],
         )
-
-    def leaving(self, leave: frozenset[LeftOut], time: float) -> "Overridden":
-        """Return the same crowd with only `leave` left out."""
-        overridden = Overridden(self.base.leaving(leave, time), self.overrides)
-        overridden.left_out = leave & self.left_out
-        return overridden
 
     def digests(self) -> dict[str, bytes]:
         """Return the trajectory's, and the overrides."""

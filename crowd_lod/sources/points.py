@@ -8,12 +8,10 @@ import numpy as np
 from ..animation.phase_classes import Gaits
 from ..crowd import random_streams
 from ..crowd.agents import CLASSES, Crowd, Draw, Group
-from ..crowd.leave_outs import ALL, LeftOut
 from ..crowd.paces import Paces
 from ..crowd.velocity_bounds import VelocityBounds
 from ..errors import CrowdError
 from ..world.maps import Area
-from ..world.needless import needless_of_places
 from .trajectory import States, Trajectory
 
 STATES = States(("there",), np.array([[90, 160, 220]], np.uint8))
@@ -136,8 +134,6 @@ class Points(Trajectory):
             phase_class=draws.phase_class if points.phase is None else _classes(points.phase),
             key=draws.key,
         )
-        self.leave: frozenset[LeftOut] = ALL
-        self.left_out = needless_of_places(self.start)
 
     @property
     def area(self) -> Area:
@@ -174,13 +170,6 @@ class Points(Trajectory):
     def regrouped(self, group: np.ndarray) -> "Points":
         """Return the same crowd with its agents in the groups `group`."""
         return self._with(replace(self.points, group=group))
-
-    def leaving(self, leave: frozenset[LeftOut], time: float) -> "Points":
-        """Return the same crowd with only `leave` left out."""
-        other = self._with(self.points)
-        other.leave = leave
-        other.left_out = leave & self.left_out
-        return other
 
     def _with(self, points: Snapshot) -> "Points":
         return Points(points, self.drawn, self.time, self.groups, self.seconds_per_frame, self.name)

@@ -8,13 +8,11 @@ import numpy as np
 from ..animation.phase_classes import cycles_of, gaits_of
 from ..crowd import random_streams
 from ..crowd.agents import CLASSES, Crowd, Group
-from ..crowd.leave_outs import ALL, LeftOut
 from ..crowd.paces import Paces
 from ..crowd.velocity_bounds import VelocityBounds
 from ..progress import check_cancelled
 from ..tracks.tracks import Tracks, in_a_row
 from ..world.maps import Area
-from ..world.needless import needless_of_places
 from ..world.terrain import Ground, Terrain
 from .trajectory import States, Trajectory
 
@@ -48,7 +46,6 @@ class Recorded(Trajectory):
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     heights: Ground | None = None
     tilts: bool = False
-    leave: frozenset[LeftOut] = ALL
     every: int = 16
 
     def __post_init__(self) -> None:
@@ -88,7 +85,6 @@ class Recorded(Trajectory):
         self._area = Area(x_min - around, y_min - around, x_max + around, y_max + around, z_min)
         self._latest: tuple[float, Crowd] | None = None
         self.start = self.at(self.first_frame)
-        self.left_out = self.leave & needless_of_places(self.start)
 
     def file_frame(self, time: float) -> float:
         """Return the frame of the file, whole or not, that is played at a frame of the scene."""
@@ -121,12 +117,6 @@ class Recorded(Trajectory):
             area = repr(self.heights.area).encode()
             digests["the height map"] = area + self.heights.digest()
         return digests
-
-    def leaving(self, leave: frozenset[LeftOut], time: float) -> "Recorded":
-        """Return the same crowd with only `leave` left out."""
-        recorded = replace(self, leave=leave)
-        recorded.left_out = leave & self.left_out
-        return recorded
 
     def regrouped(self, group: np.ndarray) -> "Recorded":
         """Return the same crowd with its agents in the groups `group`."""

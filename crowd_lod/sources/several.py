@@ -7,13 +7,11 @@ import numpy as np
 
 from ..animation.phase_classes import Gaits, gaits_of
 from ..crowd.agents import Crowd, Group
-from ..crowd.leave_outs import LeftOut
 from ..crowd.paces import Paces
 from ..crowd.velocity_bounds import STANDING, VelocityBounds
 from ..errors import CrowdError
 from ..progress import Workload
 from ..world.maps import Area
-from ..world.needless import needless_of_places
 from .reused_columns import ReusedColumns
 from .trajectory import States, Trajectory
 
@@ -45,7 +43,6 @@ class Several(Trajectory):
         )
         self.seconds_per_frame = first.seconds_per_frame
         self.every = first.every
-        self.leave = first.leave
         self.first_frame = min(member.first_frame for member in members)
         counts = [len(member.start) for member in members]
         self._begins = np.append(0, np.cumsum(counts)).tolist()
@@ -70,7 +67,7 @@ class Several(Trajectory):
                     for member, absent in zip(members, self._absent, strict=True)
                 ]
             )
-        self.left_out = self.leave & self._needless()
+        self.still = all(member.still for member in self.members)
 
     def _number_offsets(self) -> dict[str, list[int]]:
         """Return for each column that holds numbers by how much those of each member move up.
@@ -197,13 +194,6 @@ class Several(Trajectory):
         members = [member.regrouped(part) for member, part in zip(self.members, parts, strict=True)]
         return Several(members, self.names, self.shown)
 
-    def leaving(self, leave: frozenset[LeftOut], time: float) -> "Several":
-        """Return the same crowds with only `leave` left out."""
-        members = [member.leaving(leave, time) for member in self.members]
-        several = Several(members, self.names, self.shown)
-        several.left_out = leave & self.left_out
-        return several
-
     def digests(self) -> dict[str, bytes]:
         """Return those of the first crowd, and all of the others' together.
 
@@ -233,11 +223,6 @@ class Several(Trajectory):
         classes = self.members[0].gaits.classes
         gaits = gaits_of(self.groups, together, classes, np.empty(0, np.intp))
         return Gaits(gaits.classes, together, gaits.rates, played)
-
-    def _needless(self) -> frozenset[LeftOut]:
-        alike = frozenset.intersection(*(member.left_out for member in self.members))
-        places = needless_of_places(self.start)
-        return places | {item for item in alike if item.stage == "behavior"}
 
     def _together(self, crowds: list[Crowd]) -> Crowd:
         if any(crowd.played is not None for crowd in crowds):

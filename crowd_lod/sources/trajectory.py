@@ -11,7 +11,6 @@ from ..animation.phase_classes import Gaits
 from ..crowd import random_streams
 from ..crowd.agents import Crowd, Group
 from ..crowd.bounding_spheres import Spheres, spheres_of
-from ..crowd.leave_outs import LeftOut
 from ..crowd.velocity_bounds import VelocityBounds
 from ..errors import CrowdError
 from ..world.maps import Area
@@ -43,8 +42,8 @@ class Trajectory(ABC):
     seconds_per_frame: of the scene.
     first_frame: before it the crowd stands as at it.
     every: so many frames the planner's blocks hold (frame/index_cache.py).
-    leave: what may be left out where the scene does not need it (crowd/leave_outs.py).
-    left_out: what of it no frame needs.
+    still: whether nobody ever moves or changes its state, once the first step has taken who stands
+        beside the area onto it.
     area: a rectangle that the crowd stays on.
     heights: the ground that agents stand on, a height map or a terrain; None if it is level.
     gaits: at which rates the groups play their actions.
@@ -62,10 +61,9 @@ class Trajectory(ABC):
     seconds_per_frame: float
     first_frame: int
     every: int
-    leave: frozenset[LeftOut]
-    left_out: frozenset[LeftOut]
     heights: Ground | None
     gaits: Gaits
+    still: bool = False
     ids: np.ndarray | None = None
     given_phases: np.ndarray | None = None
     wearer: np.ndarray | None = None
@@ -93,13 +91,6 @@ class Trajectory(ABC):
         """Return all that `at` follows from, by names that complete "... changed".
 
         A shot plan is made for these.
-        """
-
-    @abstractmethod
-    def leaving(self, leave: frozenset[LeftOut], time: float) -> "Trajectory":
-        """Return the same crowd with only `leave` left out.
-
-        time: the first of the frames that will be asked for.
         """
 
     def kept_at(self, frame: int) -> Crowd:

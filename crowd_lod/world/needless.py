@@ -1,21 +1,14 @@
-"""Which of the work a crowd does not need (crowd/leave_outs.py)."""
+"""Which of the state machine's work a crowd does not need."""
 
 import numpy as np
 
 from ..crowd.agents import Crowd
-from ..crowd.leave_outs import BLOCKS, NOTHING, STILL, LeftOut
 from ..crowd.state_machine import StateMachine
-from . import morton_order
 from .maps import LabelMap
 
 
-def needless_of_places(crowd: Crowd) -> frozenset[LeftOut]:
-    """Return the work that no frame of the `crowd` needs, whoever moves it."""
-    return frozenset([BLOCKS]) if len(crowd) >= morton_order.FEWEST else NOTHING
-
-
-def needless(crowd: Crowd, machine: StateMachine, world: LabelMap) -> frozenset[LeftOut]:
-    """Return the behavior that no frame of the crowd that starts as `crowd` needs."""
+def stays_still(crowd: Crowd, machine: StateMachine, world: LabelMap) -> bool:
+    """Return whether nobody of a crowd that starts as `crowd` ever moves or changes its state."""
     labels = np.flatnonzero(np.bincount(world.labels.ravel(), minlength=len(machine.labels)))
     states = np.flatnonzero(_reached(machine, crowd.state, labels))
     rules = np.ix_(states, labels)
@@ -23,8 +16,7 @@ def needless(crowd: Crowd, machine: StateMachine, world: LabelMap) -> frozenset[
     draws = bool((machine.next_choice[rules] >= 0).any())
     moves = bool(machine.velocity[rules].any())
     fading = crowd.faded is not None and bool((crowd.faded < 1).any())
-    still = stays and not (draws or moves or machine.timed or fading)
-    return frozenset([STILL]) if still else NOTHING
+    return stays and not (draws or moves or machine.timed or fading)
 
 
 def reachable_velocities(machine: StateMachine, world: LabelMap, states: np.ndarray) -> np.ndarray:

@@ -76,10 +76,7 @@ def test_preview_of_a_file_leaves_pictures_table_and_plan(tmp_path, capfd):
     plan = json.loads((out / "plan.json").read_text())
     assert plan["version"] == 3 and plan["preview"]["frames"] == [1, 60]
     assert plan["crowd"]["count"] == 4096 and plan["crowd"]["seed"] == 9
-    assert {"stage", "reason", "ms_saved", "ms_spread"} == set(plan["left_out"][0])
-    assert any(
-        "in blocks" in each["reason"] and each["ms_saved"] is not None for each in plan["left_out"]
-    )
+    assert plan["left_out"] and all({"stage", "reason"} == set(each) for each in plan["left_out"])
     assert plan["machine"]["states"] and plan["camera"] and plan["levels"]["thresholds"]
     # the tints of all three LODs can be seen, in the main picture and from above
     assert min(shares(out / "main_0001.png")) > 0.005

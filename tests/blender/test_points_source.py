@@ -3,20 +3,15 @@
 Bad points are told.
 """
 
-from dataclasses import replace
-
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.crowd.leave_outs import NOTHING
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
-from crowd_lod_extension.operators.scene.scene_crowd import read_crowd, trajectory_of
-from crowd_lod_extension.operators.scene.shot_reference import SceneMoment, frame_of
+from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 
 from ..support.scatter import scatter
 from ..support.scene_frames import frame_now
-from ..support.shots import raw
 
 
 def crowd_of(scene, item):
@@ -65,7 +60,7 @@ def test_points_move_with_the_clock_and_keep_who_they_are(scene):
     assert set(before.start.group) == {0, 1}
 
 
-def test_nobody_is_missed_and_leave_outs_change_nothing(scene):
+def test_nobody_is_missed(scene):
     item = scatter(scene, instances=True)
     trajectory = crowd_of(scene, item)
     frame = frame_now(scene, scene.view_layers[0].depsgraph)
@@ -76,8 +71,6 @@ def test_nobody_is_missed_and_leave_outs_change_nothing(scene):
     ]
     assert 0 < sum(seen) < 60
     assert not [a for a in np.flatnonzero(seen) if not frame.visible[a]]
-    crowd = replace(read_crowd(scene), trajectory=trajectory.leaving(NOTHING, 1))
-    assert raw(frame) == raw(frame_of(crowd, SceneMoment(1, (frame.camera,))))
 
 
 def test_named_attributes_give_group_heading_and_phase(scene):

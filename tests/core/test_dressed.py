@@ -6,7 +6,7 @@ import numpy as np
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import Draw
 from crowd_lod_extension.crowd_lod.crowd.bounding_spheres import cover_wardrobes
-from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS, NOTHING
+from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS
 from crowd_lod_extension.crowd_lod.crowd.wardrobe import count_people
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.sources.dressed import Dressed
@@ -16,7 +16,7 @@ from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap
 
 from ..support.cameras import straight
 from ..support.crowds import walker
-from ..support.shots import IDLER, POLICY, raw, walking
+from ..support.shots import IDLER, POLICY, full_plan, known, walking
 
 BODY = walker()
 
@@ -85,4 +85,4 @@ def test_the_plan_sees_agents_with_all_that_they_wear(monkeypatch):
         people = plan(crowds.bare, camera, POLICY, time)
         assert frame.people == people.people == 4500
         assert (frame.without_worn(frame.buckets).counts == people.buckets.counts).all()
-        assert raw(frame) == raw(plan(crowds.leaving(NOTHING, 1), camera, POLICY, time))
+        assert known(frame) == known(full_plan(crowds, camera, POLICY, time))

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import Action, Group
-from crowd_lod_extension.crowd_lod.crowd.leave_outs import NOTHING
 from crowd_lod_extension.crowd_lod.crowd.paces import mixed_in, step_name
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.sources.several import Several
@@ -45,10 +44,9 @@ def walker(machine):
     return Group("walker", 0.9, 1.0, 1.25, 1.0, actions=actions)
 
 
-def walk(states=STATES, count=300, leave=None, **changes):
+def walk(states=STATES, count=300, **changes):
     machine = machine_of(states, **changes)
-    found = Walk(populate(count, 1, 1, machine, PLAIN), machine, PLAIN, (walker(machine),), 1 / FPS)
-    return found if leave is None else replace(found, leave=leave)
+    return Walk(populate(count, 1, 1, machine, PLAIN), machine, PLAIN, (walker(machine),), 1 / FPS)
 
 
 def actions_shown(trajectory, crowd):
@@ -129,8 +127,7 @@ def test_the_way_there_changes_nothing():
         and same(walk().at(90.5), ahead[1])
         and same(walk().at(7), ahead[2])
     )
-    assert same(walk(leave=NOTHING).at(90), ahead[0])
-    onward = trajectory.leaving(NOTHING, 40)
+    onward = replace(trajectory, start=trajectory.at(40), first_frame=40)
     assert (trajectory.at(40).faded < 1).any() and same(onward.at(90), ahead[0])
 
 

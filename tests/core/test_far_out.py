@@ -21,7 +21,7 @@ from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap
 
 from ..support.crowds import crowd_at, walker
 from ..support.machines import machine_of
-from ..support.shots import POLICY
+from ..support.shots import POLICY, full_plan
 
 pytestmark = pytest.mark.once
 
@@ -112,7 +112,7 @@ def test_nobody_is_culled_whom_float32_positions_show(lens, away, monkeypatch):
         )
         feet = at_the_planes(camera, random, 60)
         seen = seen_in_blender(camera, feet)
-        frames = [plan(each, camera, POLICY, 0) for each in (shot(feet), shot(feet).full)]
+        frames = [planned(shot(feet), camera, POLICY, 0) for planned in (plan, full_plan)]
         for frame in frames:
             assert not (seen & ~frame.visible).any()
         assert (frames[0].visible == frames[1].visible).all()

@@ -9,13 +9,22 @@ from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.levels.assignment import Bias
-from crowd_lod_extension.crowd_lod.validation.leave_out_timing import savings
 from crowd_lod_extension.crowd_lod.world.maps import LabelMap
 from hypothesis import given, settings
 
 from ..support.cameras import straight
 from ..support.crowds import walker
-from ..support.shots import AREA, IDLER, POLICY, machine, raw, shot, walking
+from ..support.shots import (
+    AREA,
+    IDLER,
+    POLICY,
+    every_step,
+    full_plan,
+    known,
+    machine,
+    shot,
+    walking,
+)
 from ..support.strategies import shots
 
 pytestmark = pytest.mark.once
@@ -24,9 +33,9 @@ pytestmark = pytest.mark.once
 def left(trajectory, camera, policy=POLICY, time=9, *more):
     """What the plan left out, after it was compared with the full one."""
     short = plan(trajectory, camera, policy, time, *more)
-    full = plan(trajectory.full, camera, policy, time, *more)
+    full = full_plan(every_step(trajectory), camera, policy, time, *more)
     assert full.left_out == ()
-    assert raw(short) == raw(full)
+    assert known(short) == known(full)
     return set(short.left_out)
 
 
@@ -57,7 +66,7 @@ def test_behavior_is_left_out_where_nobody_ever_walks():
             "goes": {"color": "#00ff00", "on": {"*": {"move": [1, 0]}, "wall": {"next": "sits"}}},
         }
     )
-    assert leave_outs.STILL not in shot(timed).left_out
+    assert not shot(timed).still
 
 
 def test_a_crowd_that_stands_plays_its_actions_and_is_planned_once():
@@ -112,23 +121,6 @@ def test_agents_off_the_map_are_taken_onto_it_before_they_stand():
     aside = replace(trajectory, start=replace(trajectory.start, x=x))
     for time in (1, 1.5, 2, 5):
         assert leave_outs.STILL in left(aside, straight(offset=(0, 30, 0)), POLICY, time)
-
-
-def test_savings_name_what_was_left_out_and_add_up():
-    trajectory = shot(count=20_000)
-    camera = straight(offset=(0, 30, 0))
-    result = savings(trajectory, camera, POLICY, 9, repeats=5)
-    assert set(result.items) == left(trajectory, camera) | {leave_outs.STATIC}
-    assert result.items[leave_outs.STILL] > 0 and result.full > 5 * result.lean
-
-
-def test_every_reason_is_a_sentence_of_a_stage():
-    assert (
-        len({item.reason for item in leave_outs.ITEMS})
-        == len(leave_outs.ITEMS)
-        == len(leave_outs.ALL)
-    )
-    assert {item.stage for item in leave_outs.ITEMS} == {"plan", "behavior", "culling"}
 
 
 def test_presets_lean_and_full():

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
-from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS, NOTHING, STATIC
+from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS, STATIC
 from crowd_lod_extension.crowd_lod.culling import blocks as culling_blocks
 from crowd_lod_extension.crowd_lod.culling.volumes import Light
 from crowd_lod_extension.crowd_lod.frame.frame import plan
@@ -26,7 +26,7 @@ from hypothesis import strategies as st
 
 from ..support.cameras import straight
 from ..support.crowds import walker
-from ..support.shots import AREA, IDLER, POLICY, ground, machine, raw, shot, walking
+from ..support.shots import AREA, IDLER, POLICY, full_plan, ground, known, machine, shot, walking
 from ..support.strategies import generators, trajectories
 from ..support.tracks import recorded
 
@@ -128,7 +128,7 @@ def test_who_changes_the_group_plays_its_action_without_a_jump():
     for time in (1, 33, 75.5, 160):
         crowd = overridden.at(time)
         expected = other.at(time)
-        assert raw(plan(overridden, straight(), POLICY, time)) == raw(
+        assert known(plan(overridden, straight(), POLICY, time)) == known(
             plan(other, straight(), POLICY, time)
         )
         assert np.array_equal(overridden.phase(crowd, time), other.phase(expected, time))
@@ -145,7 +145,7 @@ def test_no_edits_and_edits_that_change_nothing_are_the_old_crowd_to_the_bit():
     ):
         overridden = Overridden(base, overrides)
         assert overridden.base is base and overridden.at(9) is base.at(9)
-        assert overridden.left_out == base.left_out
+        assert overridden.still == base.still
 
 
 def test_a_crowd_that_stands_keeps_its_plan_though_some_are_moved():
@@ -172,7 +172,7 @@ def test_blocks_hold_for_agents_moved_far_away(edge, monkeypatch):
         for _ in range(6):
             camera = straight(offset=(random.uniform(-60, 60), random.uniform(-60, 100), 1.7))
             frame = plan(overridden, camera, POLICY, time)
-            assert raw(frame) == raw(plan(overridden.leaving(NOTHING, 1), camera, POLICY, time))
+            assert known(frame) == known(full_plan(overridden, camera, POLICY, time))
             assert (BLOCKS in frame.left_out) == (edge != "wrap")
 
 
@@ -204,8 +204,8 @@ def test_agents_of_a_file_are_edited_by_their_ids_while_they_are_there(monkeypat
         there = np.ones(300, bool) if before.present is None else before.present
         assert np.array_equal(crowd.present, there & ~np.isin(np.arange(300), agents[30:60]))
         frame = plan(overridden, camera, POLICY, time)
-        assert BLOCKS in frame.left_out and raw(frame) == raw(
-            plan(overridden.leaving(NOTHING, 1), camera, POLICY, time)
+        assert BLOCKS in frame.left_out and known(frame) == known(
+            full_plan(overridden, camera, POLICY, time)
         )
 
 
@@ -251,11 +251,9 @@ def test_nobody_is_missed_and_leave_outs_change_nothing_whatever_is_edited(block
                 places = np.stack([crowd.x, crowd.y, crowd.z + center], axis=1)
                 unseen = ~frame.visible if crowd.present is None else crowd.present & ~frame.visible
                 assert not [a for a in np.flatnonzero(unseen) if sees(camera, places[a], radius[a])]
-            assert raw(frame) == raw(
-                plan(overridden.leaving(NOTHING, 1), camera, POLICY, time, shutter)
-            )
+            assert known(frame) == known(full_plan(overridden, camera, POLICY, time, shutter))
             fresh = Overridden(replace(own), overridden.overrides)
-            assert raw(frame) == raw(plan(fresh, camera, POLICY, time, shutter))
+            assert known(frame) == known(plan(fresh, camera, POLICY, time, shutter))
 
     exact()
     assert (BLOCKS in outcomes) == (morton_order.FEWEST == 1)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS, NOTHING
+from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS
 from crowd_lod_extension.crowd_lod.culling.volumes import Light
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.frame.shadows import Surroundings, surround
@@ -19,7 +19,7 @@ from crowd_lod_extension.crowd_lod.world.maps import Area
 from crowd_lod_extension.crowd_lod.world.terrain import Terrain
 
 from ..support.cameras import straight
-from ..support.shots import POLICY, raw, shot, walking
+from ..support.shots import POLICY, full_plan, known, shot, walking
 from ..support.tracks import GROUPS, recorded, wanderers
 from .test_terrain import two_floors
 
@@ -181,9 +181,7 @@ def test_nobody_is_missed_and_leave_outs_change_nothing(monkeypatch, fewest, kin
             ]
             assert not missed
         assert not frame.visible[~there].any() and frame.visible.any()
-        assert raw(frame) == raw(
-            plan(crowd.leaving(NOTHING, 1), camera, POLICY, time, frame.shutter)
-        )
+        assert known(frame) == known(full_plan(crowd, camera, POLICY, time, frame.shutter))
         lit = surround(frame, Surroundings(lights=(Light(None, np.array([0.6, 0.0, -0.8])),)))
         assert there[lit.shadow.order].all()
     assert (BLOCKS in found) == (fewest == 1)
@@ -305,7 +303,6 @@ def test_on_several_floors_agents_keep_to_theirs_and_a_files_z_chooses_it():
     assert crowd.at(500).z.tolist() == [4, 0] and crowd.at(1).z.tolist() == [0, 0]
     middle = crowd.at(168.5)
     assert middle.z[0] == pytest.approx((middle.y[0] - 20) / 5) and middle.z[1] == 0
-    assert crowd.at(500).z.tolist() == crowd.leaving(NOTHING, 1).at(500).z.tolist()
     told = recorded(
         replace(rows, z=np.repeat([0.0, 3.9], 500)), fps=10.0, heights=Terrain(two_floors())
     )

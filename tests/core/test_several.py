@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
-from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS, NOTHING
+from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS
 from crowd_lod_extension.crowd_lod.culling.volumes import Light
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.frame.frame import plan
@@ -20,7 +20,7 @@ from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap
 
 from ..support.cameras import straight
 from ..support.crowds import walker
-from ..support.shots import IDLER, POLICY, machine, raw, walking
+from ..support.shots import IDLER, POLICY, full_plan, known, machine, walking
 
 GROUPS = (walker(), IDLER, walker(stride=0.7))
 BESIDE = Area(30, 20, 70, 60, 2.0)
@@ -87,9 +87,7 @@ def test_nobody_is_missed(blocks, edge):
                 a for a in np.flatnonzero(~frame.visible) if sees(camera, places[a], radius[a])
             ]
             assert not missed
-        assert raw(frame) == raw(
-            plan(crowds.leaving(NOTHING, 1), camera, POLICY, time, frame.shutter)
-        )
+        assert known(frame) == known(full_plan(crowds, camera, POLICY, time, frame.shutter))
     assert (BLOCKS in found) == (morton_order.FEWEST == 1 and edge != "wrap")
 
 

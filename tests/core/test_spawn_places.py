@@ -7,7 +7,6 @@ import hashlib
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
-from crowd_lod_extension.crowd_lod.crowd.leave_outs import NOTHING
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
@@ -28,7 +27,7 @@ from crowd_lod_extension.crowd_lod.world.spawn_places import (
 from crowd_lod_extension.crowd_lod.world.terrain import Terrain
 
 from ..support.cameras import straight
-from ..support.shots import IDLER, POLICY, ground, machine, raw, walking
+from ..support.shots import IDLER, POLICY, every_step, full_plan, ground, known, machine, walking
 
 # Of a chi-square test with 5 and 19 degrees of freedom: exceeded once in ten thousand.
 MOST_5 = 25.7
@@ -277,15 +276,13 @@ def test_who_never_walks_keeps_place_height_and_heading_and_nobody_is_missed(
         now = crowd.at(time)
         for name in ("x", "y", "z", "heading", "group"):
             assert getattr(now, name).tobytes() == getattr(start, name).tobytes()
-        assert now.state.tobytes() == crowd.leaving(NOTHING, 1).at(time).state.tobytes()
+        assert now.state.tobytes() == every_step(crowd).at(time).state.tobytes()
         camera = straight(offset=(time / 3, 0, 3.0))
         frame = plan(crowd, camera, POLICY, time)
         places = np.stack([now.x, now.y, now.z + IDLER.center], axis=1)
         assert not [
             a for a in np.flatnonzero(~frame.visible) if sees(camera, places[a], IDLER.radius)
         ]
-        assert frame.visible.any() and raw(frame) == raw(
-            plan(crowd.leaving(NOTHING, 1), camera, POLICY, time)
-        )
+        assert frame.visible.any() and known(frame) == known(full_plan(crowd, camera, POLICY, time))
     assert timed == bool((crowd.at(100).state != start.state).any())
     assert crowd.digests() != Walk(start, table, world, groups, 1 / 24).digests()

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
-from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS, NOTHING
+from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS
 from crowd_lod_extension.crowd_lod.culling.camera import Window
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.frame.frame import plan
@@ -18,7 +18,7 @@ from crowd_lod_extension.crowd_lod.world.maps import Area
 from crowd_lod_extension.crowd_lod.world.terrain import STEP, Terrain, upward
 
 from ..support.cameras import straight
-from ..support.shots import IDLER, POLICY, raw, shot, walking
+from ..support.shots import IDLER, POLICY, full_plan, known, shot, walking
 
 GROUPS = (IDLER, IDLER)
 
@@ -176,7 +176,7 @@ def test_who_walks_up_the_ramp_is_on_the_upper_floor_and_who_walks_under_it_is_n
     again = Walk(start, table, walk.world, GROUPS, 1 / 24, heights=Terrain(two_floors(stairs)))
     for time in (700.25, 300.5):
         assert again.at(time).z.tobytes() == walk.at(time).z.tobytes()
-        later = walk.leaving(NOTHING, 300).at(time)
+        later = replace(walk, start=walk.at(300), first_frame=300).at(time)
         assert later.z.tobytes() == walk.at(time).z.tobytes()
 
 
@@ -221,9 +221,7 @@ def test_nobody_on_terrain_is_missed(fewest, edge, monkeypatch):
             assert not [
                 a for a in np.flatnonzero(~frame.visible) if sees(camera, places[a], IDLER.radius)
             ]
-        assert raw(frame) == raw(
-            plan(crowd.leaving(NOTHING, 1), camera, POLICY, time, frame.shutter)
-        )
+        assert known(frame) == known(full_plan(crowd, camera, POLICY, time, frame.shutter))
     assert (BLOCKS in found) == (fewest == 1)
     assert len(np.unique(crowd.at(301).z)) > 5
 

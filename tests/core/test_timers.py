@@ -9,6 +9,7 @@ from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap
 
 from ..support.crowds import walker
 from ..support.machines import machine_of, random_world, same
+from ..support.shots import every_step
 
 
 def test_timers_and_chances_do_not_depend_on_the_length_of_the_step():
@@ -91,7 +92,7 @@ def test_a_timer_of_a_million_seconds_runs_at_sixty_frames_a_second(after):
     world = LabelMap(np.zeros((4, 4), np.uint8), Area(0, 0, 40, 40))
     crowd = populate(20, 0, 1, machine, world)
     shot = Walk(crowd, machine, world, (walker(),), 1 / 60, 0)
-    for crowd in (shot.at(3600), shot.full.at(3600)):
+    for crowd in (shot.at(3600), every_step(shot).at(3600)):
         np.testing.assert_allclose(crowd.wait, after - 60, atol=1e-5)
 
 
@@ -106,7 +107,7 @@ def test_a_timer_that_nobody_lives_to_see_runs_without_a_warning(after):
     assert np.isfinite(crowd.wait).all()
     shot = Walk(crowd, machine, world, (walker(),), 1e-3, 0)
     assert (
-        same(shot.at(40), shot.full.at(40))
+        same(shot.at(40), every_step(shot).at(40))
         and (shot.at(40).state == 0).all()
         and np.isfinite(shot.at(40).wait).all()
     )

@@ -5,7 +5,7 @@ import json
 
 from crowd_lod_extension.operators.blender import image_data
 
-TIMES = ("ms", "seconds", "ms_saved", "ms_spread", "why", "command")
+TIMES = ("ms", "seconds", "why", "command")
 
 
 def contents(folder):

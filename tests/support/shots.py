@@ -1,12 +1,16 @@
 """Small crowds that walk, stand, or do as a random table says."""
 
 import json
+from copy import copy
 from dataclasses import replace
+from unittest.mock import patch
 
 import numpy as np
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.state_machine import parse
+from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
+from crowd_lod_extension.crowd_lod.world import morton_order
 from crowd_lod_extension.crowd_lod.world.first_frame import populate
 from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap
 
@@ -55,13 +59,31 @@ def shot(table=None, world=None, groups=ONE, count=400, seed=3, **more):
     )
 
 
+def every_step(walk):
+    """The same walk, which takes each step although nobody moves."""
+    other = replace(walk)
+    other.still = False
+    return other
+
+
+def full_plan(trajectory, *arguments):
+    """The plan by a radar test of every agent, which holds no plan made before."""
+    other = copy(trajectory)
+    other.still = False
+    with patch.object(morton_order, "FEWEST", len(trajectory.start) + 1):
+        return plan(other, *arguments)
+
+
 def raw(frame):
     """All that a frame says of the crowd, as bytes."""
+    return *known(frame), frame.buckets.order.tobytes()
+
+
+def known(frame):
+    """All that a frame says of the crowd but for the order in its buckets, as bytes."""
     crowd = [column.tobytes() for column in frame.crowd.columns.values()]
-    seen = [
-        a.tobytes()
-        for a in (frame.visible, frame.levels, frame.buckets.order, frame.buckets.offsets)
-    ]
+    members = [np.sort(frame.buckets[level]) for level in range(len(frame.buckets.counts))]
+    seen = [a.tobytes() for a in (frame.visible, frame.levels, *members, frame.buckets.offsets)]
     kinds = [
         str(a.dtype)
         for a in (frame.visible, frame.levels, frame.buckets.order, frame.buckets.offsets)

@@ -4,8 +4,8 @@ from collections.abc import Generator, Sequence
 from functools import partial
 from typing import Any
 
+from ....crowd_lod.frame.frame import plan
 from ....crowd_lod.progress import run_in_thread
-from ....crowd_lod.validation.leave_out_timing import savings
 from ...blender import cameras
 from ...plan.scene_json import scene_json
 from ...scene import lights
@@ -51,31 +51,17 @@ def _left_out(
 ) -> Generator[float, None, list[dict[str, Any]]]:
     """List what the scene did not need: yield between the steps, return dicts.
 
-    Each has the reason and, where measured, the milliseconds saved in the frame `number`.
+    They are those of the frame `number`, each with its stage and reason.
 
     engine: what renders the pictures.
     """
     stage = crowd.scene
     stage.render.engine = engine
-    trajectory = crowd.trajectory
     stage.frame_set(number)
     yield 0.0
     eyes = cameras.read_cameras(stage, stage.view_layers[0].depsgraph)
-    time = max(number, trajectory.first_frame + 2)
     now = crowd.at_present_frame()
-    measuring = partial(savings, trajectory, eyes, now.policy, time, (), now.bias)
-    savings_of = yield from run_in_thread(measuring)
-    measured = [
-        {
-            "stage": item.stage,
-            "reason": item.reason,
-            "ms_saved": round(ms, 3),
-            "ms_spread": round(savings_of.spread[item], 3),
-        }
-        for item, ms in savings_of.items.items()
-    ]
+    planning = partial(plan, crowd.trajectory, eyes, now.policy, number, (), now.bias)
+    frame = yield from run_in_thread(planning)
     unseen = lights.read_surroundings(stage, stage.view_layers[0].depsgraph, number).left_out
-    return measured + [
-        {"stage": item.stage, "reason": item.reason, "ms_saved": None, "ms_spread": None}
-        for item in unseen
-    ]
+    return [{"stage": item.stage, "reason": item.reason} for item in (*frame.left_out, *unseen)]
