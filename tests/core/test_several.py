@@ -9,7 +9,7 @@ from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS
 from crowd_lod_extension.crowd_lod.culling.volumes import Light
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.frame.frame import plan
-from crowd_lod_extension.crowd_lod.frame.reasons import ABSENT, reasons
+from crowd_lod_extension.crowd_lod.frame.reasons import Reason, reasons
 from crowd_lod_extension.crowd_lod.frame.shadows import Surroundings, surround
 from crowd_lod_extension.crowd_lod.sources.several import Several
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
@@ -101,7 +101,7 @@ def test_a_crowd_that_is_not_shown_is_absent_in_all_that_follows(blocks):
     assert not np.isin(
         np.concatenate([frame.shadow.order, frame.mirrored.order]), np.arange(300, 500)
     ).any()
-    assert (reasons(frame)[300:500] == ABSENT).all() and (reasons(frame)[:300] != ABSENT).all()
+    assert (reasons(frame)[300:500] == Reason.ABSENT).all() and (reasons(frame)[:300] != Reason.ABSENT).all()
     two = Several([whole.members[0], whole.members[2]], ("", "Idle"), (True, True))
     other = plan(two, camera, POLICY, 9)
     assert frame.triangles == other.triangles and frame.full_triangles == other.full_triangles
