@@ -10,8 +10,11 @@ import time
 
 import numpy as np
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, referential, window
-from crowd_lod_extension.crowd_lod.validation.culling_judge import CullingJudgment, judge_culling
-from crowd_lod_extension.crowd_lod.validation.exact_frustum import scatter
+from crowd_lod_extension.crowd_lod.validation.exact_frustum import (
+    CullingJudgment,
+    judge_culling,
+    scatter,
+)
 from crowd_lod_extension.crowd_lod.validation.extreme_cases import table, table_text
 
 # name: kind of camera, range of log10 of the fitted side (slope or meters), largest lens shift

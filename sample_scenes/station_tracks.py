@@ -151,7 +151,7 @@ class Station:
 def simulate(seed: int = 3) -> dict[str, np.ndarray]:
     """Return the columns of the walkers' tracks, in centimeters, by their names in the file.
 
-    See crowd_lod/tracks/npz.py.
+    See crowd_lod/tracks/reading.py.
     """
     station = Station(np.random.default_rng(seed))
     rows = []

@@ -14,7 +14,7 @@ Some tables have no limit. The plaza's turns an agent along a house a little at 
 toward the wall and then away from it. How many reads that takes depends on where in a step the
 agent reached the border, however short the step. The exact walk takes the first way out. Steps of
 any length leave such agents equally far from it: see Convergence.apart in
-validation/convergence.py.
+validation/exact_behavior.py.
 """
 
 from dataclasses import dataclass

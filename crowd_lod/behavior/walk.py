@@ -11,12 +11,12 @@ import numpy as np
 
 from ..animation.phase_classes import gaits_of
 from ..crowd.agents import CLASSES, Crowd, Group
+from ..crowd.bounds import STANDING, VelocityBounds
 from ..crowd.state_machine import StateMachine
-from ..crowd.velocity_bounds import STANDING, VelocityBounds
 from ..progress import run_in_thread
 from ..sources.trajectory import PART, States, Trajectory
+from ..world.first_frame import stays_still
 from ..world.maps import Area, LabelMap
-from ..world.needless import stays_still
 from ..world.terrain import Ground, Terrain
 from .plain_step import look_up_paces
 from .step import step

@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 
 from ..crowd.agents import Crowd
-from ..crowd.bounding_spheres import Spheres
+from ..crowd.bounds import Spheres
 from ..world.maps import Area
 from .camera import Camera, stretch
 from .frustum import Frustum

@@ -1,4 +1,6 @@
-"""Axes and window of Blender's cameras (chapter eqs 1.1 to 1.3, 1.5, 1.6)."""
+"""Blender's cameras: axes and window (chapter eqs 1.1 to 1.3, 1.5, 1.6), the two eyes of stereo
+cameras, and where a camera stands that frames a crowd.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -45,7 +47,7 @@ class Camera:
         direction.
     pad, turn: bounds on other displacements of the camera's rays. Every sphere counts as larger by
         `pad` meters, and by `turn` meters per meter of distance (see `lens_blur`,
-        culling/shutter.py, culling/stereo.py).
+        culling/shutter.py, culling/camera.py).
     density: pixels per unit of the window; PANO: per radian in the middle. None derives it from
         pixels and window.
     rays: near and far are where rays begin and end, as in Cycles, not planes. It matters only for a
@@ -200,3 +202,116 @@ def frustum_corners(camera: Camera, distance: float) -> np.ndarray:
     corners = [(w.left, w.bottom), (w.right, w.bottom), (w.right, w.top), (w.left, w.top)]
     coordinates = np.array([(at * x, at * y, distance) for x, y in corners])
     return camera.origin + coordinates @ np.linalg.inv(np.array([camera.X, camera.Y, camera.Z])).T
+
+
+EYES = ("left", "right")
+
+
+@dataclass(frozen=True)
+class Stereo:
+    """The stereo settings of a Blender camera.
+
+    mode: OFFAXIS, PARALLEL or TOE.
+    pivot: LEFT, RIGHT or CENTER.
+    distance: meters between the eyes.
+    convergence: meters to the plane where their images meet.
+    """
+
+    mode: str
+    pivot: str
+    distance: float
+    convergence: float
+
+
+def place_eye(matrix: np.ndarray, stereo: Stereo, side: str) -> tuple[np.ndarray, float]:
+    """Return (world matrix (4, 4), slope) of one eye of a stereo camera.
+
+    matrix: (4, 4), the camera's world matrix.
+    side: left or right.
+
+    Blender adds slope x lens / sensor width to the eye's lens shift in x.
+    """
+    if stereo.pivot == side.upper():
+        return matrix, 0.0
+    sign = 1.0 if side == "left" else -1.0
+    offset = sign * stereo.distance * (0.5 if stereo.pivot == "CENTER" else 1.0)
+    base = np.array(matrix, np.float64)
+    base[:3, :3] /= np.linalg.norm(base[:3, :3], axis=0)
+    move = np.eye(4)
+    move[0, 3] = -offset
+    if stereo.mode != "TOE":
+        return base @ move, offset / stereo.convergence if stereo.mode == "OFFAXIS" else 0.0
+    angle = sign * np.arctan(stereo.distance / 2 / stereo.convergence)
+    turn = np.eye(4)
+    turn[[0, 0, 2, 2], [0, 2, 0, 2]] = np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle)
+    return (base @ move @ turn if stereo.pivot == "CENTER" else base @ turn @ move @ turn), 0.0
+
+
+def make_spherical(camera: Camera, stereo: Stereo) -> Camera:
+    """Return one camera that sees all that both eyes of Cycles' spherical stereo see.
+
+    Conservative. Every ray starts half the eye distance aside, and turns in to meet that of the
+    other eye at the convergence distance.
+    """
+    aside = stereo.distance / 2
+    if stereo.mode == "PARALLEL":
+        return replace(camera, pad=camera.pad + aside)
+    inward = np.arcsin(min(1.0, aside / stereo.convergence)) if stereo.convergence > 0 else np.pi
+    return replace(camera, pad=camera.pad + aside, turn=camera.turn + float(inward))
+
+
+EYE = 1.7  # meters above the ground
+BODY = 1.0  # meters above it, of the part of people that the picture holds
+CELL = 2.0  # meters, of the grid that finds where the crowd is densest
+WAYS = 32  # directions that are tried
+SEEN = 0.95  # part of the places that the picture holds at least
+NEAREST = 3.0  # meters between the camera and the place that it looks at, at least
+
+
+@dataclass(frozen=True)
+class LevelCamera:
+    """A camera that stands upright and looks level.
+
+    eye: (3,) float64, world meters.
+    ahead: (2,) float64, the unit vector along x and y in which it looks.
+    far: meters along it, beyond everyone.
+    """
+
+    eye: np.ndarray
+    ahead: np.ndarray
+    far: float
+
+
+def framing(places: np.ndarray, across: float, below: float, above: float) -> LevelCamera:
+    """Return the view over the densest of `places` that holds most of them from the least distance.
+
+    places: (n, 3) float64, n > 0, world meters: the feet of all agents at several times.
+    across, below, above: slopes of the picture's sides, of its bottom and of its top, all above 0.
+    """
+    middle = _densest(places)
+    x, y, z = (places - middle).T
+    turn = np.arange(WAYS) * (2 * np.pi / WAYS)
+    ways = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    distances = np.empty(WAYS)
+    for k, (cos, sin) in enumerate(ways):
+        ahead = cos * x + sin * y
+        aside = cos * y - sin * x
+        needed = np.maximum.reduce(
+            [np.abs(aside) / across, (z + BODY - EYE) / above, (EYE - BODY - z) / below]
+        )
+        distances[k] = np.quantile(needed - ahead, SEEN, method="higher")
+    best = int(distances.argmin())
+    way = ways[best]
+    away = max(float(distances[best]), NEAREST)
+    eye = middle + np.array([*(-away * way), EYE])
+    far = float(((places[:, :2] - eye[:2]) @ way).max())
+    return LevelCamera(eye, way, 1.1 * max(far, away) + NEAREST)
+
+
+def _densest(places: np.ndarray) -> np.ndarray:
+    """Return the middle (3,) of the places in the fullest cell of a grid, on their usual height."""
+    cell = np.floor((places[:, :2] - places[:, :2].min(axis=0)) / CELL).astype(np.int64)
+    number = cell[:, 0] * (cell[:, 1].max() + 1) + cell[:, 1]
+    _, which, counts = np.unique(number, return_inverse=True, return_counts=True)
+    inside = places[which == counts.argmax()]
+    return np.array([*inside[:, :2].mean(axis=0), np.median(inside[:, 2])])

@@ -7,10 +7,9 @@ from itertools import product
 import numpy as np
 
 from .camera import Camera, stretch
-from .depth_map import map_depths
+from .depth_map import RectangleMinima, map_depths
 from .frustum import reach_of
 from .occluders import Occluders
-from .rectangle_minima import RectangleMinima
 from .sheets import Grid, grid_of, nearest_cut, view_points
 
 FAR_OFF = 1e9  # cells

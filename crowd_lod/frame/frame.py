@@ -17,8 +17,7 @@ from ..levels.assignment import Bias, LevelPolicy, assign, deviations, threshold
 from ..sorting.buckets import Buckets
 from ..sources.trajectory import Trajectory
 from .index_cache import cache_of
-from .request import Moment, Request, moments
-from .stages import Task, sorted_by_level
+from .stages import Moment, Request, Task, moments, sorted_by_level
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,7 +11,7 @@ from ..culling.occluders import Occluders
 from ..culling.occlusion import OcclusionMap
 from .frame import Frame
 from .planned import with_levels
-from .request import moments
+from .stages import moments
 
 Maps = tuple[OcclusionMap, ...]  # of a moment's eyes
 

@@ -20,7 +20,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ..crowd.velocity_bounds import STANDING, VelocityBounds
+from ..crowd.bounds import STANDING, VelocityBounds
 from ..culling import blocks
 from ..sources.trajectory import PART, Trajectory
 from ..world import morton_order

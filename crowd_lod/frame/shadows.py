@@ -33,7 +33,7 @@ from ..sorting.buckets import sort
 from . import index_cache
 from .frame import Frame
 from .hidden import hide
-from .request import Moment, moments
+from .stages import Moment, moments
 
 # agents tested at a time, which a processor's cache holds with their distances from all planes
 PART = 4096

@@ -1,18 +1,64 @@
 """Culling, LODs and sorting of one frame: blocks of agents first, then each agent left open."""
 
 import time as clock
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..crowd.agents import Crowd
 from ..culling.blocks import CULLED, OPEN, Blocks, Look, decide
+from ..culling.camera import Camera
 from ..culling.radar import RadarOptions, lost, radar
-from ..levels.assignment import assign
+from ..levels.assignment import Bias, LevelPolicy, assign
 from ..sorting.buckets import Buckets, count_groups, sort, sort_blocks
 from ..sources.trajectory import Trajectory
 from .index_cache import blocks_at, displacement_of
-from .request import Moment, Request
+
+
+@dataclass(frozen=True, kw_only=True)
+class Request:
+    """The input of one frame's plan, besides the crowd.
+
+    time: in frames; LODs are those of this time.
+    eyes: one camera, or the eyes of a stereo picture.
+    policy: how LODs follow from distance.
+    shutter: with motion blur, (time in frames, the eyes' cameras from shutter.open_shutter) at each
+        sample of the open shutter, in order. An agent seen at any of them is visible. With a fixed
+        margin nothing is grown for the shutter except by the cameras' motion.
+    bias: the painted detail map.
+    """
+
+    time: float
+    eyes: tuple[Camera, ...]
+    policy: LevelPolicy
+    shutter: tuple[tuple[float, Sequence[Camera]], ...] = ()
+    bias: Bias | None = None
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A time at which agents may be seen.
+
+    time: in frames.
+    eyes: the cameras at that time.
+    radius: (G,) float64 meters, of the groups' spheres, which hold what is drawn until the next
+        moment.
+    """
+
+    time: float
+    eyes: Sequence[Camera]
+    radius: np.ndarray
+
+
+def moments(trajectory: Trajectory, request: Request) -> list[Moment]:
+    """Return the times at which agents may be seen; LODs are those of the first."""
+    reach = trajectory.spheres.reach
+    grown = reach + trajectory.most_moved([time for time, _ in request.shutter])
+    return [
+        Moment(request.time, request.eyes, reach),
+        *(Moment(time, eyes, grown) for time, eyes in request.shutter),
+    ]
 
 
 @dataclass(frozen=True)

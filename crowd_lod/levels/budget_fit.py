@@ -10,8 +10,7 @@ from ..crowd.agents import CLASSES, FEWEST_CLASSES, Group
 from ..errors import CrowdError
 from ..progress import finished
 from .cost_model import Actors, price, stored_triangles, work_of
-from .least_tolerance import least_tolerance
-from .selection import GroupShot, View
+from .selection import GroupShot, View, least_tolerance
 
 TIGHT = 4.0  # a budget below so many times the least that is guessed may be impossible
 SLACK = 1.05  # factor of that tolerance with which fewer LODs are enough

@@ -9,12 +9,12 @@ from typing import Literal
 import numpy as np
 
 from ..animation.phase_classes import Cast, Roles
-from ..culling.radar import RadarOptions, radar
+from ..culling.radar import radar
 from ..errors import CrowdError
 from ..frame.frame import Frame
 from ..progress import check_cancelled, starting_threads
-from .blur import blur_of
 from .phases import Meetings, joined_meetings
+from .pixels import blur_of, scale_of
 from .survey import (
     AT_ONCE,
     CULLED,
@@ -28,7 +28,6 @@ from .survey import (
     coarsest_within,
 )
 
-DISTANCES = RadarOptions(cull=False)
 MOST_SCALE = float(np.finfo(np.float16).max)
 # Neighbors are looked for in every MEET_EVERY-th frame, among agents at LODs up to MEET_LEVEL, in
 # meters.
@@ -337,27 +336,6 @@ def _clipped(frame: Frame, agents: np.ndarray) -> np.ndarray:
     is_near = depth + reach < camera.near
     is_clipped = is_inside & (is_near | (depth - reach > camera.far))
     return at_once(agents, np.where(is_near, Cause.NEAR, Cause.FAR))[is_clipped]
-
-
-def scale_of(frame: Frame, agents: np.ndarray) -> np.ndarray:
-    """Return how many pixels a unit shows at most of each of `agents` (m,), (m,) float64.
-
-    It is that of levels.assignment.shown, the most of all eyes. No part counts as nearer than the
-    near clip.
-    """
-    camera = frame.camera
-    spheres = frame.trajectory.spheres
-    if camera.kind == "ORTHO":
-        return np.full(len(agents), camera.pixels_per_unit)
-    crowd = frame.crowd
-    radius = spheres.radius[crowd.group[agents]]
-    scale = np.zeros(len(agents))
-    for eye in frame.eyes:
-        _, distance = radar(crowd, eye, spheres.center, spheres.reach, DISTANCES, agents)
-        nearest = np.maximum(distance - radius, max(eye.near, 1e-9))
-        is_ahead = distance > -radius
-        np.maximum(scale, eye.pixels_per_unit / nearest, out=scale, where=is_ahead)
-    return scale
 
 
 def _rounded_up(values: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy as np
 from ..animation.phase_classes import Gaits
 from ..crowd import random_streams
 from ..crowd.agents import Crowd
-from ..crowd.velocity_bounds import VelocityBounds
+from ..crowd.bounds import VelocityBounds
 from ..crowd.wardrobe import draw_parts, slots_of
 from .around import AroundTrajectory
 from .reused_columns import ReusedColumns

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..crowd.agents import Crowd
-from ..crowd.velocity_bounds import VelocityBounds
+from ..crowd.bounds import VelocityBounds
 from ..world.maps import Area
 from .around import AroundTrajectory
 from .reused_columns import ReusedColumns

@@ -8,8 +8,8 @@ import numpy as np
 from ..animation.phase_classes import Gaits
 from ..crowd import random_streams
 from ..crowd.agents import CLASSES, Crowd, Draw, Group
+from ..crowd.bounds import VelocityBounds
 from ..crowd.paces import Paces
-from ..crowd.velocity_bounds import VelocityBounds
 from ..errors import CrowdError
 from ..world.maps import Area
 from .trajectory import States, Trajectory

@@ -8,8 +8,8 @@ import numpy as np
 from ..animation.phase_classes import cycles_of, gaits_of
 from ..crowd import random_streams
 from ..crowd.agents import CLASSES, Crowd, Group
+from ..crowd.bounds import VelocityBounds
 from ..crowd.paces import Paces
-from ..crowd.velocity_bounds import VelocityBounds
 from ..progress import check_cancelled
 from ..tracks.tracks import Tracks, in_a_row
 from ..world.maps import Area

@@ -7,8 +7,8 @@ import numpy as np
 
 from ..animation.phase_classes import Gaits, gaits_of
 from ..crowd.agents import Crowd, Group
+from ..crowd.bounds import STANDING, VelocityBounds
 from ..crowd.paces import Paces
-from ..crowd.velocity_bounds import STANDING, VelocityBounds
 from ..errors import CrowdError
 from ..progress import Workload
 from ..world.maps import Area

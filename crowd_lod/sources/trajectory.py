@@ -10,8 +10,7 @@ import numpy as np
 from ..animation.phase_classes import Gaits
 from ..crowd import random_streams
 from ..crowd.agents import Crowd, Group
-from ..crowd.bounding_spheres import Spheres, spheres_of
-from ..crowd.velocity_bounds import VelocityBounds
+from ..crowd.bounds import Spheres, VelocityBounds, spheres_of
 from ..errors import CrowdError
 from ..world.maps import Area
 from ..world.terrain import Ground

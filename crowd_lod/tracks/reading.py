@@ -1,20 +1,87 @@
-"""From a file, whatever its format, to tracks."""
+"""From a file, whatever its format, to tracks.
+
+NumPy's NPZ is the format that Crowd LOD writes itself. Arrays of one length: `id` (whole numbers),
+`frame`, `x`, `y` and `z` (meters); optional `heading` (radians), `phase` (cycles), `group` (whole
+numbers or names). Single values: `fps`, frames a second, and optional `unit`, one of m, cm, mm and
+ft.
+"""
 
 import gzip
 import hashlib
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+
+from ..crowd import random_streams
 from ..errors import CrowdError
 from ..format import printable
-from ..npz_file import MOST_BYTES
+from ..npz_file import MOST_BYTES, read_arrays
 from ..progress import check_cancelled
-from . import jupedsim, layout, npz, text
-from .making import tracks_of
-from .rows import Rows, check_rows
+from . import jupedsim, layout, text
+from .rows import COLUMNS, UNITS, Rows, check_rows, tracks_of
 from .tracks import Tracks
+
+
+def write_npz(path: Path, rows: Rows) -> None:
+    """Write `rows`, in meters, to the file `path`, which need not end in .npz.
+
+    The caller puts the file in its place (output/files.py). OSError if it cannot be written.
+    """
+    with path.open("wb") as file:
+        np.savez(file, fps=np.float64(rows.rate), **rows.columns)  # type: ignore[arg-type]
+
+
+def read_npz(path: Path) -> Rows:
+    """Return the rows of the file `path`, as they are: check_rows has not seen them.
+
+    CrowdError if it is no NPZ, or lacks an array. OSError if it cannot be read.
+    """
+    where = printable(path)
+    columns: dict[str, Any] = dict(
+        read_arrays(path, ("id", "frame", "x", "y"), (*COLUMNS, "fps", "unit"))
+    )
+    rate = columns.pop("fps", np.zeros(()))
+    unit = str(columns.pop("unit", "m"))
+    if rate.shape not in ((), (1,)) or rate.dtype.kind not in "iuf":
+        raise CrowdError(
+            f"The file {where} has {rate.size} values of fps: give one number, its frames a second."
+        )
+    if unit not in UNITS:
+        raise CrowdError(f"The file {where} has the unit {unit}: use one of {', '.join(UNITS)}.")
+    return Rows(**columns, rate=float(rate.reshape(())), unit=unit, feet=True)
+
+
+def groups_of_agents(
+    tracks: Tracks, names: Sequence[str], choices: np.ndarray, seed: int
+) -> np.ndarray:
+    """Return (n,) uint8, the index of each agent's character group.
+
+    Groups that the file names as the scene does are these. Any others, and whole numbers, take the
+    crowd's groups in turn. Without groups in the file they are drawn.
+
+    names: of all character groups of the scene.
+    choices: (k,) uint8, the groups that the crowd's agents are drawn from.
+    seed: of the draw.
+    """
+    if tracks.group is None:
+        keys = random_streams.keys_of(seed, tracks.ids)
+        draw = random_streams.uniform(keys, random_streams.THEN)
+        return choices[np.minimum((draw * len(choices)).astype(np.intp), len(choices) - 1)]
+    values, value_of_agent = np.unique(tracks.group, return_inverse=True)
+    if tracks.group.dtype.kind == "U":
+        numbers = {name.casefold(): g for g, name in enumerate(names)}
+        groups = [
+            numbers.get(str(value).strip().casefold(), choices[k % len(choices)])
+            for k, value in enumerate(values)
+        ]
+    else:
+        groups = [choices[int(value) % len(choices)] for value in values]
+    return np.array(groups, np.uint8)[value_of_agent]
+
 
 ZIP = b"PK"
 GZIP = b"\x1f\x8b"
@@ -56,7 +123,7 @@ def read_rows(
         with path.open("rb") as file:
             head = file.read(len(jupedsim.MAGIC))
         if head.startswith(ZIP):
-            rows = npz.read_npz(path)
+            rows = read_npz(path)
         elif head == jupedsim.MAGIC:
             rows = jupedsim.read_jupedsim(path, tell)
         else:

@@ -23,8 +23,7 @@ from ..culling.frustum import frustum_of
 from ..culling.radar import RadarOptions, radar
 from ..levels.assignment import LevelPolicy, assign, threshold_distances
 from ..world.maps import LabelMap
-from .convergence import measure_convergence, measure_drift, step_by_listing
-from .exact_behavior import follow_exactly
+from .exact_behavior import follow_exactly, measure_convergence, measure_drift, step_by_listing
 from .exact_frustum import find_visible
 
 MARGINS = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)  # meters of fixed Delta
@@ -121,7 +120,7 @@ def compare_behavior(
 
 
 def drifts() -> Iterator[dict]:
-    """Yield rows of `measure_drift` (convergence.py), for 10,000 to a million steps.
+    """Yield rows of `measure_drift` (exact_behavior.py), for 10,000 to a million steps.
 
     A row has the precision, meters from the origin, steps, and the mean and worst error in meters.
     """

@@ -11,8 +11,7 @@ from ..culling.camera import Camera, referential, window
 from ..culling.radar import lost, radar
 from ..format import aligned
 from ..levels.assignment import LevelPolicy, assign, threshold_distances
-from .culling_judge import CullingJudgment, judge_culling, standing_crowd
-from .exact_frustum import scatter
+from .exact_frustum import CullingJudgment, judge_culling, scatter, standing_crowd
 
 # the camera, points (n, 3), radius (G,), group (n,)
 Spheres = tuple[Camera, np.ndarray, np.ndarray, np.ndarray]

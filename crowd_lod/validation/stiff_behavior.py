@@ -7,16 +7,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..behavior.courant_number import check_speeds
 from ..behavior.plain_step import advance
+from ..behavior.step import check_speeds
 from ..crowd.agents import Crowd
 from ..crowd.state_machine import StateMachine, parse
 from ..errors import CrowdError
 from ..format import aligned
 from ..mesh import connected_components
 from ..world.maps import Area, LabelMap
-from .culling_judge import standing_crowd
 from .exact_behavior import follow_exactly
+from .exact_frustum import standing_crowd
 
 FRAME = 1 / 24  # seconds
 # Agents of a case, and of one whose steps are long for the judge.

@@ -11,7 +11,7 @@ import numpy as np
 from ..crowd.agents import CLASSES, Crowd, Shares
 from ..crowd.state_machine import StateMachine
 from ..errors import CrowdError
-from . import needless
+from . import first_frame
 from .first_frame import check_counts, place_agents
 from .maps import Area, LabelMap
 
@@ -310,7 +310,7 @@ def _along(points: np.ndarray, lengths: np.ndarray, count: int, turn: float) -> 
 
 def stays(machine: StateMachine, world: LabelMap) -> bool:
     """Return whether no agent ever moves, wherever it starts."""
-    return not needless.reachable_velocities(machine, world, np.flatnonzero(machine.start)).any()
+    return not first_frame.reachable_velocities(machine, world, np.flatnonzero(machine.start)).any()
 
 
 def allowed_agents(places: Places, machine: StateMachine, world: LabelMap) -> np.ndarray:

@@ -5,8 +5,17 @@ from collections.abc import Generator, Sequence
 import bpy
 import numpy as np
 
-from ...crowd_lod.culling import stereo
-from ...crowd_lod.culling.camera import Camera, Window, lens_blur, referential, window
+from ...crowd_lod.culling.camera import (
+    EYES,
+    Camera,
+    Stereo,
+    Window,
+    lens_blur,
+    make_spherical,
+    place_eye,
+    referential,
+    window,
+)
 from ...crowd_lod.culling.shutter import open_shutter
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.progress import Workload, finished
@@ -89,9 +98,7 @@ def cameras_from(
         cameras = [camera_from(eye, render, depsgraph) for eye in eyes]
     else:
         cameras = [
-            camera_from(camera, render, depsgraph, view.name)
-            for view in views
-            if view.name in stereo.EYES
+            camera_from(camera, render, depsgraph, view.name) for view in views if view.name in EYES
         ]
     return tuple(cameras)
 
@@ -135,7 +142,7 @@ def camera_from(
     spherical = side is not None and data.stereo.use_spherical_stereo and kind != "ORTHO"
     shift_x = data.shift_x
     if side is not None and not spherical:
-        matrix, slope = stereo.eye(matrix, eyes, side)
+        matrix, slope = place_eye(matrix, eyes, side)
         shift_x += slope * data.lens / data.sensor_width if kind != "PANO" else 0.0
     pixels = image_size(render)
     origin, X, Y, Z = referential(matrix, camera.name)
@@ -169,7 +176,7 @@ def camera_from(
     )
     if data.dof.use_dof:
         film = _focused(film, data, depsgraph)
-    return stereo.spherical(film, eyes) if spherical else film
+    return make_spherical(film, eyes) if spherical else film
 
 
 def _check_clip(name: str, data: bpy.types.Camera, unit: float) -> None:
@@ -184,8 +191,8 @@ def _check_clip(name: str, data: bpy.types.Camera, unit: float) -> None:
         )
 
 
-def _stereo_of(data: bpy.types.Camera) -> stereo.Stereo:
-    return stereo.Stereo(
+def _stereo_of(data: bpy.types.Camera) -> Stereo:
+    return Stereo(
         data.stereo.convergence_mode,
         data.stereo.pivot,
         data.stereo.interocular_distance,

@@ -7,8 +7,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.errors import FAULTS, sentence
-from ...crowd_lod.progress import finished
-from ...crowd_lod.time_left import TimeLeft
+from ...crowd_lod.progress import TimeLeft, finished
 from .evaluation import is_stepped
 from .labeled_properties import CONTEXT
 from .steps import Slices, Step, at_work, leave_edit_mode

@@ -13,7 +13,7 @@ from mathutils import Matrix
 
 from ...crowd_lod.animation.phase_classes import Cast
 from ...crowd_lod.progress import Workload
-from ...crowd_lod.shot.stand_ins import hold_shown, stand_ins
+from ...crowd_lod.shot.needed_meshes import hold_shown, stand_ins
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import removal
 from ..blender.evaluation import as_rendered

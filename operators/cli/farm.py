@@ -16,8 +16,8 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
 from ...crowd_lod.frame.frame_range import frames_are, parse_frames, spread_evenly
 from ...crowd_lod.output import file_checks, files, tables
+from ...crowd_lod.output.file_checks import save_png
 from ...crowd_lod.output.html_report import STYLE, cards, document, table_of
-from ...crowd_lod.output.png_file import save_png
 from ..blender import image_data
 from ..deliver.farm_job import check_file, job_of, job_sentence, write_job
 from .options import add_command, add_out, add_scene

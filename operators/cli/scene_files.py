@@ -13,8 +13,7 @@ from ... import sample_scenes
 from ...crowd_lod import interrupt
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import printable
-from ...crowd_lod.progress import Made
-from ...crowd_lod.time_left import TimeLeft
+from ...crowd_lod.progress import Made, TimeLeft
 from ..blender import console
 from ..blender.output_folders import output_file
 from ..blender.steps import leave_edit_mode

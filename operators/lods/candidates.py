@@ -10,10 +10,9 @@ import bpy
 from idprop.types import IDPropertyGroup
 
 from ...crowd_lod.crowd.agents import Group
-from ...crowd_lod.crowd.bounding_spheres import cover_sizes
+from ...crowd_lod.crowd.bounds import cover_sizes
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.levels.lengths import DARKER, MOST_LENGTHS, allowed_lengths, in_gaps
-from ...crowd_lod.levels.selection import View
+from ...crowd_lod.levels.selection import DARKER, MOST_LENGTHS, View, allowed_lengths, in_gaps
 from ...crowd_lod.progress import Workload
 from ..blender import removal, stored_values
 from ..blender.colors import Looks

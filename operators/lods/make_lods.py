@@ -8,7 +8,7 @@ from functools import partial
 import bpy
 
 from ...crowd_lod.crowd.agents import Group
-from ...crowd_lod.crowd.bounding_spheres import cover_sizes
+from ...crowd_lod.crowd.bounds import cover_sizes
 from ...crowd_lod.format import number
 from ...crowd_lod.messages import Message, to_json
 from ...crowd_lod.progress import Workload, run_in_thread

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...crowd_lod.crowd.agents import Group
-from ...crowd_lod.levels.lengths import NEAR_ENOUGH, read_curve
+from ...crowd_lod.levels.selection import NEAR_ENOUGH, read_curve
 
 # Of Group, a value a LOD
 COLUMNS = {

@@ -13,7 +13,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ...crowd_lod.levels.lengths import read_curve
+from ...crowd_lod.levels.selection import read_curve
 from ...crowd_lod.progress import Workload, run_in_thread
 from .deviation import DeviationEstimate, Measure
 from .dispensable import find_dispensable

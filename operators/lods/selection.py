@@ -14,7 +14,6 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame_range import spread_evenly
 from ...crowd_lod.levels.assignment import LevelPolicy
 from ...crowd_lod.levels.budget_fit import Budget, BudgetSearch
-from ...crowd_lod.levels.least_tolerance import least_tolerance
 from ...crowd_lod.levels.selection import (
     MOST_RAISED,
     GroupShot,
@@ -23,6 +22,7 @@ from ...crowd_lod.levels.selection import (
     choose,
     counting,
     fit_in_memory,
+    least_tolerance,
     priced,
 )
 from ...crowd_lod.messages import Message

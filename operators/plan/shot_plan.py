@@ -14,21 +14,25 @@ from ...crowd_lod.frame.planned import PINNED, camera_of
 from ...crowd_lod.levels.assignment import deviations
 from ...crowd_lod.levels.budget_fit import Budget
 from ...crowd_lod.output import files, tables
-from ...crowd_lod.output.shot_json import shot_facts
 from ...crowd_lod.output.shot_page import shot_page
-from ...crowd_lod.output.shot_report import ShotReport, count_switches
+from ...crowd_lod.output.shot_report import ShotReport, count_switches, shot_facts
 from ...crowd_lod.progress import Workload, run_in_thread, run_steps_in_thread
 from ...crowd_lod.shot import plan_file
-from ...crowd_lod.shot.budget import BudgetPlan, decide_within
-from ...crowd_lod.shot.budget_points import BudgetPoint, budget_sentence, find_points, fitting_point
+from ...crowd_lod.shot.budget import (
+    BudgetPlan,
+    BudgetPoint,
+    budget_sentence,
+    decide_within,
+    find_points,
+    fitting_point,
+)
 from ...crowd_lod.shot.coloring import PhasePlan, plan_phases, recast, strides_of
 from ...crowd_lod.shot.curve import curve_of
+from ...crowd_lod.shot.needed_meshes import needed_meshes, seen_characters
 from ...crowd_lod.shot.overrides import LodOverride, override_levels, override_survey
 from ...crowd_lod.shot.shot_cost import Shot, meshes_of
 from ...crowd_lod.shot.survey import Survey
-from ...crowd_lod.shot.switches import noticed
-from ...crowd_lod.shot.unneeded import needed_meshes, seen_characters
-from ...crowd_lod.shot.verdict import verdict_of
+from ...crowd_lod.shot.switches import noticed, verdict_of
 from ..blender import cameras, scene_data
 from ..blender.operator import Reporting, Stepwise
 from ..blender.output_folders import full_path, output_path, place_of

@@ -6,8 +6,8 @@ from dataclasses import asdict, astuple
 
 import bpy
 
-from ...crowd_lod.shot.budget_points import BudgetPoint
-from ...crowd_lod.shot.verdict import read_verdict
+from ...crowd_lod.shot.budget import BudgetPoint
+from ...crowd_lod.shot.switches import read_verdict
 from ..blender.callbacks import handler
 from ..blender.output_folders import full_path, is_saving
 

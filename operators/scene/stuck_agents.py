@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...crowd_lod.behavior.courant_number import courant
 from ...crowd_lod.behavior.exact_walk import Trouble, trouble
+from ...crowd_lod.behavior.step import courant
 from ...crowd_lod.behavior.walk import Walk, walks_of
 from ...crowd_lod.crowd.state_machine import StateMachine
 from ...crowd_lod.messages import Message, MessageKind

@@ -4,8 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import bpy
 
-from ...crowd_lod.crowd.machine_edits import edit_text
-from ...crowd_lod.crowd.machine_walls import WALL, add_wall
+from ...crowd_lod.crowd.machine_edits import WALL, add_wall, edit_text
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
 from ...crowd_lod.message_words import listed

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import bpy
 
 from ...crowd_lod.levels.budget_fit import LIMITED, Budget
-from ...crowd_lod.shot.budget_points import BudgetPoint, fitting_point
+from ...crowd_lod.shot.budget import BudgetPoint, fitting_point
 
 NO_BUDGET = "none"
 # by a field of Budget: its setting, its label in the panel, and what one of the setting's is

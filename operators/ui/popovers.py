@@ -5,7 +5,7 @@ import bpy
 from ...crowd_lod.format import counted, number
 from ...crowd_lod.levels.assignment import MOST_LEVELS
 from ...crowd_lod.messages import from_json
-from ...crowd_lod.shot.budget_points import fitting_point
+from ...crowd_lod.shot.budget import fitting_point
 from ..blender import scene_data
 from ..blender.labeled_properties import CONTEXT
 from ..lods.level_objects import GIVEN

@@ -5,7 +5,7 @@ import bpy
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import byte_size, counted
 from ...crowd_lod.levels.cost_model import NAMES
-from ...crowd_lod.shot.budget_points import budget_sentence, fitting_point
+from ...crowd_lod.shot.budget import budget_sentence, fitting_point
 from ..blender import scene_data
 from ..build.character_images import IMAGE_BYTES, can_use_cache
 from ..build.render_setup import baked_of

@@ -3,7 +3,7 @@
 import bpy
 import numpy as np
 
-from ...crowd_lod.frame.agent_under_cursor import nearest
+from ...crowd_lod.frame.reasons import nearest
 from ..blender import sidebars
 from ..blender.operator import Needing
 from ..settings import needs

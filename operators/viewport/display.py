@@ -11,9 +11,9 @@ from ...crowd_lod.culling.occluders import Occluders
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame import Frame, plan_of
 from ...crowd_lod.frame.hidden import hide
-from ...crowd_lod.frame.request import Request
+from ...crowd_lod.frame.stages import Request
 from ...crowd_lod.levels.assignment import Bias, LevelPolicy
-from ...crowd_lod.shot.frame_errors import worst_error
+from ...crowd_lod.shot.pixels import worst_error
 from ..blender import scene_data
 from ..blender.cameras import read_cameras
 from ..blender.image_data import LOOK_AGAIN

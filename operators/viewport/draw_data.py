@@ -9,7 +9,7 @@ import numpy as np
 from ...crowd_lod.culling.camera import Camera, frustum_corners
 from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.frame.reasons import REASONS, reasons
-from ...crowd_lod.shot.frame_errors import errors_of
+from ...crowd_lod.shot.pixels import errors_of
 from ..blender.colors import to_linear
 from ..lods.make_lods import TINTS
 from .skinned_characters import SkinnedCharacter

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...crowd_lod.format import counted, number
-from ...crowd_lod.frame.agent_under_cursor import Account
 from ...crowd_lod.frame.frame import Frame
-from ...crowd_lod.frame.reasons import REASONS, Reason
+from ...crowd_lod.frame.reasons import REASONS, Account, Reason
 from ..blender.colors import to_srgb
 from . import shader_programs
 from .draw_data import HIDDEN, Colors

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.frame import Frame
-from ...crowd_lod.output.png_file import save_png
+from ...crowd_lod.output.file_checks import save_png
 from ..blender import cameras, console, image_data
 from ..blender.callbacks import guard
 from ..blender.colors import to_linear

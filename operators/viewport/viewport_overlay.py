@@ -13,8 +13,8 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.behavior.walk import stray_places
-from ...crowd_lod.frame.agent_under_cursor import Account, account
 from ...crowd_lod.frame.frame import Frame
+from ...crowd_lod.frame.reasons import Account, account
 from ..blender import scene_cache, scene_data, sidebars, steps
 from ..blender.callbacks import guard
 from ..blender.image_data import LOOK_AGAIN

@@ -8,7 +8,7 @@ import pytest
 from bpy_extras.object_utils import world_to_camera_view
 from crowd_lod_extension.crowd_lod.culling.camera import frustum_corners
 from crowd_lod_extension.crowd_lod.culling.radar import radar
-from crowd_lod_extension.crowd_lod.validation.culling_judge import standing_crowd
+from crowd_lod_extension.crowd_lod.validation.exact_frustum import standing_crowd
 from crowd_lod_extension.operators.blender import cameras, image_data
 from crowd_lod_extension.operators.blender.materials import switch_nodes_on
 from mathutils import Euler, Matrix, Vector

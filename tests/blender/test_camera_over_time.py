@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.culling.radar import radar
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.crowd_lod.validation.culling_judge import standing_crowd
+from crowd_lod_extension.crowd_lod.validation.exact_frustum import standing_crowd
 from crowd_lod_extension.operators.blender import cameras, mesh_data
 from crowd_lod_extension.operators.scene.characters.character_extent import (
     bounds,

@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.culling.radar import radar
-from crowd_lod_extension.crowd_lod.validation.culling_judge import standing_crowd
+from crowd_lod_extension.crowd_lod.validation.exact_frustum import standing_crowd
 from crowd_lod_extension.operators.blender import cameras, image_data
 from crowd_lod_extension.operators.blender.materials import switch_nodes_on
 from mathutils import Matrix

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.output.png_file import save_png
+from crowd_lod_extension.crowd_lod.output.file_checks import save_png
 from crowd_lod_extension.operators.blender.image_data import load_pixels
 
 

@@ -7,7 +7,7 @@ import bpy
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.crowd_lod.shot.budget_points import budget_sentence
+from crowd_lod_extension.crowd_lod.shot.budget import budget_sentence
 from crowd_lod_extension.operators.blender import provenance
 from crowd_lod_extension.operators.lods.make_lods import make_levels
 from crowd_lod_extension.operators.plan.shot_plan import (

@@ -7,8 +7,7 @@ from types import SimpleNamespace
 
 import bpy
 import pytest
-from crowd_lod_extension.crowd_lod.progress import Workload, unsure
-from crowd_lod_extension.crowd_lod.time_left import TimeLeft
+from crowd_lod_extension.crowd_lod.progress import TimeLeft, Workload, unsure
 from crowd_lod_extension.operators.blender import scene_cache
 from crowd_lod_extension.operators.build.bake import bake
 from crowd_lod_extension.operators.build.buttons import prepared

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.sources.recorded import Recorded
-from crowd_lod_extension.crowd_lod.tracks import npz
+from crowd_lod_extension.crowd_lod.tracks import reading
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 
 from ..support.scene_frames import frame_at, frame_now
@@ -98,7 +98,7 @@ def test_build_holds_who_is_there_and_follows_the_frames(followed):
 
 def test_the_files_groups_are_the_scenes(followed, tmp_path):
     named = np.where(ROWS.id % 2 == 0, "child", "adult")
-    npz.write_npz(tmp_path / "named.npz", replace(ROWS, group=named))
+    reading.write_npz(tmp_path / "named.npz", replace(ROWS, group=named))
     followed.crowd_lod.tracks_file = "//named.npz"
     bpy.ops.crowd_lod.populate()
     trajectory = trajectory_of(followed)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd.state_machine import preset_text
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.frame.agent_under_cursor import account
+from crowd_lod_extension.crowd_lod.frame.reasons import account
 from crowd_lod_extension.operators.blender import scene_data
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.deliver.usd.openusd import openusd

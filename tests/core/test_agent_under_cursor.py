@@ -12,9 +12,9 @@ from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
 from crowd_lod_extension.crowd_lod.culling.radar import BLOCK
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.frame.agent_under_cursor import account, nearest
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.frame.planned import HIDDEN, OVERRIDDEN, PINNED, with_row
+from crowd_lod_extension.crowd_lod.frame.reasons import account, nearest
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 from crowd_lod_extension.crowd_lod.sorting.buckets import Buckets
 from crowd_lod_extension.crowd_lod.world.maps import Area, edge_map

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd.agents import Draw, Group
-from crowd_lod_extension.crowd_lod.crowd.bounding_spheres import bounding_sphere, cover_sizes
+from crowd_lod_extension.crowd_lod.crowd.bounds import bounding_sphere, cover_sizes
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.world.first_frame import populate

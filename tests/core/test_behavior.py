@@ -3,9 +3,8 @@ import weakref
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.behavior.courant_number import courant
 from crowd_lod_extension.crowd_lod.behavior.plain_step import advance
-from crowd_lod_extension.crowd_lod.behavior.step import step
+from crowd_lod_extension.crowd_lod.behavior.step import courant, step
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.errors import CrowdError

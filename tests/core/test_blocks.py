@@ -9,7 +9,7 @@ import pytest
 from crowd_lod_extension.benchmarks.cull_audit import LENSES, random_camera
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd import leave_outs
-from crowd_lod_extension.crowd_lod.crowd.bounding_spheres import spheres_of
+from crowd_lod_extension.crowd_lod.crowd.bounds import spheres_of
 from crowd_lod_extension.crowd_lod.culling import blocks
 from crowd_lod_extension.crowd_lod.culling.radar import RadarOptions, radar
 from crowd_lod_extension.crowd_lod.culling.volumes import Light, Mirror

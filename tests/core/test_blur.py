@@ -10,7 +10,7 @@ from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.culling.camera import lens_blur
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
-from crowd_lod_extension.crowd_lod.shot.blur import blur_of
+from crowd_lod_extension.crowd_lod.shot.pixels import blur_of
 from crowd_lod_extension.crowd_lod.shot.recording import begin_recording
 from crowd_lod_extension.crowd_lod.world.maps import Area, edge_map
 

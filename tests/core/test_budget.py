@@ -12,11 +12,13 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.levels.budget_fit import Budget
 from crowd_lod_extension.crowd_lod.levels.cost_model import default_costs
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.crowd_lod.shot.budget import SPARE, decide_within, relaxed
-from crowd_lod_extension.crowd_lod.shot.budget_points import (
+from crowd_lod_extension.crowd_lod.shot.budget import (
+    SPARE,
     budget_sentence,
+    decide_within,
     find_points,
     fitting_point,
+    relaxed,
 )
 from crowd_lod_extension.crowd_lod.shot.shot import decide, objective
 from crowd_lod_extension.crowd_lod.shot.shot_cost import Bill, Meshes, Shot

@@ -4,15 +4,17 @@ import numpy as np
 import pytest
 from crowd_lod_extension.benchmarks.cull_audit import LENSES, random_camera
 from crowd_lod_extension.crowd_lod.culling.camera import (
+    Stereo,
+    eye,
     frustum_corners,
     lens_blur,
+    make_spherical,
     referential,
     window,
 )
 from crowd_lod_extension.crowd_lod.culling.frustum import frustum_of
 from crowd_lod_extension.crowd_lod.culling.radar import radar
 from crowd_lod_extension.crowd_lod.culling.shutter import open_shutter
-from crowd_lod_extension.crowd_lod.culling.stereo import Stereo, eye, spherical
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 
 from ..support.cameras import ONE, straight, turned
@@ -191,7 +193,7 @@ def test_off_axis_eyes_meet_at_the_convergence_distance():
 def test_spherical_stereo_keeps_every_ray_of_both_eyes():
     random = np.random.default_rng(3)
     stereo = Stereo("OFFAXIS", "CENTER", 1.0, 4.0)
-    camera = spherical(straight(), stereo)
+    camera = make_spherical(straight(), stereo)
     way = np.stack(
         [random.uniform(-1, 1, 4000), np.ones(4000), random.uniform(-1, 1, 4000)], axis=1
     )

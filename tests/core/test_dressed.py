@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import Draw
-from crowd_lod_extension.crowd_lod.crowd.bounding_spheres import cover_wardrobes
+from crowd_lod_extension.crowd_lod.crowd.bounds import cover_wardrobes
 from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS
 from crowd_lod_extension.crowd_lod.crowd.wardrobe import count_people
 from crowd_lod_extension.crowd_lod.frame.frame import plan

@@ -11,8 +11,7 @@ from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.culling.radar import RadarOptions, radar
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy, assign, threshold_distances
 from crowd_lod_extension.crowd_lod.validation import error_vs_runtime
-from crowd_lod_extension.crowd_lod.validation.culling_judge import standing_crowd
-from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
+from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees, standing_crowd
 from crowd_lod_extension.crowd_lod.validation.extreme_cases import camera_of
 from crowd_lod_extension.crowd_lod.world.maps import Area, edge_map
 

@@ -7,12 +7,12 @@ from crowd_lod_extension.crowd_lod.behavior.plain_step import advance
 from crowd_lod_extension.crowd_lod.behavior.step import step
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.message_words import lines_of
-from crowd_lod_extension.crowd_lod.validation.convergence import (
+from crowd_lod_extension.crowd_lod.validation.exact_behavior import (
+    follow_exactly,
     measure_convergence,
     measure_drift,
     step_by_listing,
 )
-from crowd_lod_extension.crowd_lod.validation.exact_behavior import follow_exactly
 from crowd_lod_extension.crowd_lod.world.first_frame import populate
 from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap, edge_map
 from crowd_lod_extension.sample_scenes import plaza_map

@@ -2,9 +2,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.frame.agent_under_cursor import account
 from crowd_lod_extension.crowd_lod.frame.frame import plan
-from crowd_lod_extension.crowd_lod.frame.reasons import reasons
+from crowd_lod_extension.crowd_lod.frame.reasons import account, reasons
 from crowd_lod_extension.crowd_lod.levels.assignment import Bias, LevelPolicy, assign
 
 from ..support.cameras import straight

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
-from crowd_lod_extension.crowd_lod.shot.frame_errors import errors_of, worst_error
+from crowd_lod_extension.crowd_lod.shot.pixels import errors_of, worst_error
 
 from ..support.cameras import straight
 from ..support.frames import shot

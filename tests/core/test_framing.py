@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
-from crowd_lod_extension.crowd_lod.culling.framing import framing
+from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window, framing
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import find_visible
 
 ACROSS = 0.6

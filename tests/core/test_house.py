@@ -152,14 +152,6 @@ def test_a_class_name_means_one_thing():
     assert {name: files for name, files in homes.items() if len(files) > 1} == {}
 
 
-def test_behavior_has_one_door():
-    """Only `step` knows the fast path of a step, and what follows a step."""
-    behavior = ROOT / "crowd_lod" / "behavior"
-    fast = {behavior / f"{name}.py" for name in ("tabulated_step", "fading")}
-    knowing = {path for *_, path in modules() if fast & set(imported(path))}
-    assert knowing == {behavior / "step.py"}
-
-
 @pytest.mark.parametrize("folder", ["crowd_lod", "operators", "sample_scenes"])
 def test_files_are_what_one_head_holds(folder):
     lengths = {

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.validation.image_difference import difference_of
+from crowd_lod_extension.crowd_lod.validation.render_proof import difference_of
 
 
 def test_the_difference_is_counted_pixel_by_pixel():

@@ -13,13 +13,16 @@ from crowd_lod_extension.crowd_lod.levels.assignment import (
     deviations,
     threshold_distances,
 )
-from crowd_lod_extension.crowd_lod.levels.lengths import (
+from crowd_lod_extension.crowd_lod.levels.selection import (
     APART,
+    BETWEEN,
+    LEAST_SAVED,
     MOST_LENGTHS,
+    View,
     allowed_lengths,
+    choose,
     read_curve,
 )
-from crowd_lod_extension.crowd_lod.levels.selection import BETWEEN, LEAST_SAVED, View, choose
 from crowd_lod_extension.crowd_lod.message_words import lines_of
 from hypothesis import given, settings
 from hypothesis import strategies as st

@@ -3,8 +3,7 @@
 import json
 
 import pytest
-from crowd_lod_extension.crowd_lod.crowd.machine_edits import edit_text
-from crowd_lod_extension.crowd_lod.crowd.machine_walls import WALL, add_wall
+from crowd_lod_extension.crowd_lod.crowd.machine_edits import WALL, add_wall, edit_text
 from crowd_lod_extension.crowd_lod.crowd.state_machine import parse, preset_text
 
 

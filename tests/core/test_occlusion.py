@@ -6,9 +6,9 @@ from functools import partial
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.culling import depth_map
+from crowd_lod_extension.crowd_lod.culling.depth_map import RectangleMinima
 from crowd_lod_extension.crowd_lod.culling.occluders import join_occluders, topology_of
 from crowd_lod_extension.crowd_lod.culling.occlusion import OcclusionMap
-from crowd_lod_extension.crowd_lod.culling.rectangle_minima import RectangleMinima
 
 from ..support.streets import (
     FACES,

@@ -101,7 +101,9 @@ def test_a_crowd_that_is_not_shown_is_absent_in_all_that_follows(blocks):
     assert not np.isin(
         np.concatenate([frame.shadow.order, frame.mirrored.order]), np.arange(300, 500)
     ).any()
-    assert (reasons(frame)[300:500] == Reason.ABSENT).all() and (reasons(frame)[:300] != Reason.ABSENT).all()
+    assert (reasons(frame)[300:500] == Reason.ABSENT).all() and (
+        reasons(frame)[:300] != Reason.ABSENT
+    ).all()
     two = Several([whole.members[0], whole.members[2]], ("", "Idle"), (True, True))
     other = plan(two, camera, POLICY, 9)
     assert frame.triangles == other.triangles and frame.full_triangles == other.full_triangles

@@ -14,12 +14,11 @@ from crowd_lod_extension.crowd_lod.output.svg_plots import across
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.shot.coloring import PhasePlan
 from crowd_lod_extension.crowd_lod.shot.curve import curve_of
+from crowd_lod_extension.crowd_lod.shot.needed_meshes import unneeded
 from crowd_lod_extension.crowd_lod.shot.phases import Phases
 from crowd_lod_extension.crowd_lod.shot.shot import decide
 from crowd_lod_extension.crowd_lod.shot.survey import CULLED, Cause, at_once
-from crowd_lod_extension.crowd_lod.shot.switches import noticed
-from crowd_lod_extension.crowd_lod.shot.unneeded import unneeded
-from crowd_lod_extension.crowd_lod.shot.verdict import LargestSwitch, Verdict
+from crowd_lod_extension.crowd_lod.shot.switches import LargestSwitch, Verdict, noticed
 
 from ..support.pages import Reader
 from ..support.surveys import TRIANGLES, Grid, some_shot

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.crowd.sole import ground_of, sole_of
+from crowd_lod_extension.crowd_lod.crowd.bounds import ground_of, sole_of
 
 SIDES = [
     (0, 2, 1),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.animation.phase_classes import Cast, Roles
 from crowd_lod_extension.crowd_lod.crowd.agents import CLASSES
-from crowd_lod_extension.crowd_lod.shot.stand_ins import hold_shown, stand_ins
+from crowd_lod_extension.crowd_lod.shot.needed_meshes import hold_shown, stand_ins
 
 from ..support.plaza_shot import cast_of_rigs, plaza_shot
 

@@ -12,8 +12,7 @@ from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.shot.shot import decide
 from crowd_lod_extension.crowd_lod.shot.shot_cost import Bill
 from crowd_lod_extension.crowd_lod.shot.survey import Cause, at_once
-from crowd_lod_extension.crowd_lod.shot.switches import NOTHING, ROW, noticed
-from crowd_lod_extension.crowd_lod.shot.verdict import verdict_of
+from crowd_lod_extension.crowd_lod.shot.switches import NOTHING, ROW, noticed, verdict_of
 
 from ..support.cameras import straight
 from ..support.surveys import Grid, pixels_of, some_shot

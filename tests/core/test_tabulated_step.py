@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behavior import step as step_
-from crowd_lod_extension.crowd_lod.behavior import tabulated_step
 from crowd_lod_extension.crowd_lod.behavior.plain_step import advance
 from crowd_lod_extension.crowd_lod.behavior.step import step
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset, preset_names
@@ -22,7 +21,7 @@ pytestmark = pytest.mark.once
 @pytest.fixture(autouse=True)
 def small_crowds_step_within_cells(monkeypatch):
     monkeypatch.setattr(step_, "FEW_AGENTS", 0)
-    monkeypatch.setattr(tabulated_step, "BLOCK", 64)
+    monkeypatch.setattr(step_, "BLOCK", 64)
 
 
 GROUPS = (walker(), IDLER, walker(stride=0.01))
@@ -58,8 +57,8 @@ def test_most_agents_step_within_cells_and_columns_that_stay_are_shared():
     machine = load_preset("chapter")
     world = ground()
     crowd = populate(1000, 1, 1, machine, world)
-    tables = tabulated_step.Tables(machine, 1 / 24)
-    moved, others = tabulated_step.step_within_cells(crowd, machine, world, tables)
+    tables = step_.Tables(machine, 1 / 24)
+    moved, others = step_.step_within_cells(crowd, machine, world, tables)
     assert len(others) < 50
     assert moved.state is crowd.state and moved.key is crowd.key and moved.wait is crowd.wait
     assert (moved.x != crowd.x).all() and moved.x is not crowd.x

@@ -5,7 +5,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.tracks import npz
+from crowd_lod_extension.crowd_lod.tracks import reading
 from crowd_lod_extension.crowd_lod.tracks.rows import Rows, check_rows
 
 
@@ -22,8 +22,8 @@ def rows(**changes):
 
 def test_what_is_written_comes_back_to_the_bit(tmp_path):
     made = rows()
-    npz.write_npz(tmp_path / "crowd.part", made)
-    found = check_rows(npz.read_npz(tmp_path / "crowd.part"), tmp_path)
+    reading.write_npz(tmp_path / "crowd.part", made)
+    found = check_rows(reading.read_npz(tmp_path / "crowd.part"), tmp_path)
     assert found.rate == 25.0 and found.unit == "m"
     assert found.columns.keys() == made.columns.keys()
     assert all(
@@ -32,8 +32,8 @@ def test_what_is_written_comes_back_to_the_bit(tmp_path):
 
 
 def test_what_is_not_known_is_left_out(tmp_path):
-    npz.write_npz(tmp_path / "crowd.npz", rows(z=None, heading=None, phase=None, group=None))
-    found = npz.read_npz(tmp_path / "crowd.npz")
+    reading.write_npz(tmp_path / "crowd.npz", rows(z=None, heading=None, phase=None, group=None))
+    found = reading.read_npz(tmp_path / "crowd.npz")
     assert (found.z, found.heading, found.phase, found.group) == (None,) * 4
 
 
@@ -45,7 +45,7 @@ def test_centimeters_are_rounded_once(tmp_path):
 BAD = {
     "a text": lambda path: path.write_text("id frame x y"),
     "a cut file": lambda path: (
-        npz.write_npz(path, rows()),
+        reading.write_npz(path, rows()),
         path.write_bytes(path.read_bytes()[:700]),
     ),
     "no y": lambda path: np.savez(path, id=[1], frame=[1], x=[0.0]),
@@ -56,12 +56,12 @@ BAD = {
     "two rates": lambda path: np.savez(path, id=[1], frame=[1], x=[0.0], y=[0.0], fps=[1.0, 2.0]),
     "no rows": lambda path: np.savez(path, id=[], frame=[], x=[], y=[]),
     "other lengths": lambda path: np.savez(path, id=[1, 2], frame=[1, 2], x=[0.0, 1.0], y=[0.0]),
-    "NaN": lambda path: npz.write_npz(path, rows(y=np.full(20, np.nan))),
-    "a far place": lambda path: npz.write_npz(path, rows(x=np.full(20, 1e300))),
-    "a far frame": lambda path: npz.write_npz(path, rows(frame=np.full(20, -1e300))),
-    "broken ids": lambda path: npz.write_npz(path, rows(id=np.full(20, 1.5))),
-    "texts for numbers": lambda path: npz.write_npz(path, rows(x=np.full(20, "a"))),
-    "groups of fractions": lambda path: npz.write_npz(path, rows(group=np.full(20, 0.5))),
+    "NaN": lambda path: reading.write_npz(path, rows(y=np.full(20, np.nan))),
+    "a far place": lambda path: reading.write_npz(path, rows(x=np.full(20, 1e300))),
+    "a far frame": lambda path: reading.write_npz(path, rows(frame=np.full(20, -1e300))),
+    "broken ids": lambda path: reading.write_npz(path, rows(id=np.full(20, 1.5))),
+    "texts for numbers": lambda path: reading.write_npz(path, rows(x=np.full(20, "a"))),
+    "groups of fractions": lambda path: reading.write_npz(path, rows(group=np.full(20, 0.5))),
 }
 
 
@@ -70,4 +70,4 @@ def test_what_cannot_be_used_is_named_in_a_sentence(tmp_path, fault):
     path = tmp_path / "bad.npz"
     BAD[fault](path)
     with pytest.raises(CrowdError, match="bad.npz"):
-        check_rows(npz.read_npz(path), path)
+        check_rows(reading.read_npz(path), path)

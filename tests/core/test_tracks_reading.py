@@ -9,10 +9,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.tracks import npz, rows, text
-from crowd_lod_extension.crowd_lod.tracks.group_choice import groups_of_agents
-from crowd_lod_extension.crowd_lod.tracks.making import tracks_of
-from crowd_lod_extension.crowd_lod.tracks.reading import read_rows, read_tracks
+from crowd_lod_extension.crowd_lod.tracks import reading, rows, text
+from crowd_lod_extension.crowd_lod.tracks.reading import groups_of_agents, read_rows, read_tracks
+from crowd_lod_extension.crowd_lod.tracks.rows import tracks_of
 
 from ..support.tracks import wanderers
 
@@ -84,7 +83,7 @@ FORMATS = {
         path, [(i, int(f), str(x).replace(".", ","), str(y).replace(".", ",")) for i, f, x, y in COLUMNS], ["id", "frame", "x", "y"], ";"
     ),
     "Windows": lambda path: path.write_bytes(lines(BY_ID, "{},{:.0f},{},{}\r", "\ufeffid,frame,x,y\r\n\r\n").encode()),
-    "NPZ": lambda path: npz.write_npz(path, ROWS),
+    "NPZ": lambda path: reading.write_npz(path, ROWS),
     "JuPedSim 1": lambda path: database(path, 1),
     "JuPedSim 2": lambda path: database(path, 2),
     "JuPedSim 3": lambda path: database(path, 3),

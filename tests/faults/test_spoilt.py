@@ -12,7 +12,7 @@ from pathlib import Path
 import bpy
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.frame.agent_under_cursor import account
+from crowd_lod_extension.crowd_lod.frame.reasons import account
 from crowd_lod_extension.operators.cli import commands
 
 from ..blender import conftest

@@ -6,7 +6,7 @@ import random
 
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.tracks import npz
+from crowd_lod_extension.crowd_lod.tracks import reading
 from crowd_lod_extension.crowd_lod.tracks.reading import read_tracks
 
 from ..core.test_tracks_reading import FORMATS, ROWS
@@ -64,7 +64,7 @@ SOURCES = FORMATS | {
         FORMATS["CSV"](path),
         path.write_bytes(path.read_bytes().decode().encode("utf-16")),
     ),
-    "NPZ, packed": lambda path: npz.write_npz(path, ROWS),
+    "NPZ, packed": lambda path: reading.write_npz(path, ROWS),
 }
 
 

@@ -7,8 +7,7 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd.leave_outs import STATIC, STILL
-from crowd_lod_extension.crowd_lod.frame.agent_under_cursor import Account
-from crowd_lod_extension.crowd_lod.frame.reasons import REASONS
+from crowd_lod_extension.crowd_lod.frame.reasons import REASONS, Account
 from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap
 from crowd_lod_extension.operators.blender.cameras import camera_from
 from crowd_lod_extension.operators.blender.colors import to_srgb

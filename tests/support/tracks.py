@@ -2,8 +2,7 @@
 
 import numpy as np
 from crowd_lod_extension.crowd_lod.sources.recorded import Recorded
-from crowd_lod_extension.crowd_lod.tracks.making import tracks_of
-from crowd_lod_extension.crowd_lod.tracks.rows import Rows
+from crowd_lod_extension.crowd_lod.tracks.rows import Rows, tracks_of
 
 from .crowds import walker
 from .shots import IDLER

@@ -13,7 +13,7 @@ import numpy as np
 from ....crowd_lod.crowd.agents import Group
 from ....crowd_lod.culling.camera import Camera
 from ....crowd_lod.levels.assignment import pixels_of
-from ....crowd_lod.output.png_file import save_png
+from ....crowd_lod.output.file_checks import save_png
 from ....crowd_lod.progress import Workload, run_in_thread
 from ....crowd_lod.validation import silhouette
 from ...blender import scene_data

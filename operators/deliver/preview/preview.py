@@ -19,13 +19,13 @@ from ....crowd_lod.frame.index_cache import approach
 from ....crowd_lod.frame.planned import note_of, unplanned_notes
 from ....crowd_lod.levels.assignment import deviations
 from ....crowd_lod.output import tables
+from ....crowd_lod.output.file_checks import save_png
 from ....crowd_lod.output.frame_parts import FrameParts
 from ....crowd_lod.output.html_report import page
-from ....crowd_lod.output.png_file import save_png
 from ....crowd_lod.output.shot_page import preview_page
 from ....crowd_lod.progress import Workload, run_in_thread, unsure
 from ....crowd_lod.shot import plan_file
-from ....crowd_lod.shot.frame_errors import worst_error
+from ....crowd_lod.shot.pixels import worst_error
 from ...blender import cameras, evaluation, image_data, removal, scene_data
 from ...blender.operator import Stepwise
 from ...blender.output_folders import output_folder, place_of

@@ -12,9 +12,9 @@ import numpy as np
 from ....crowd_lod.frame.frame import Frame
 from ....crowd_lod.frame.index_cache import approach
 from ....crowd_lod.frame.planned import HIDDEN, note_of
-from ....crowd_lod.output.png_file import save_png
+from ....crowd_lod.output.file_checks import save_png
 from ....crowd_lod.progress import Workload, run_in_thread
-from ....crowd_lod.validation import image_difference
+from ....crowd_lod.validation import render_proof
 from ....crowd_lod.validation.judged_agents import JudgedAgent, choose_agents
 from ....crowd_lod.validation.render_proof import agents_row
 from ...blender import evaluation, mesh_data, scene_data
@@ -192,7 +192,7 @@ class Proof:
                 yield work.did(1)
                 shot[name] = yield from work.take(develop_picture(scene, path))
             for name in COMPARED:
-                differing = partial(image_difference.difference_of, shot["a"], shot[name])
+                differing = partial(render_proof.difference_of, shot["a"], shot[name])
                 difference = yield from work.take(run_in_thread(differing))
                 row |= {f"{name}{ending}_{key}": value for key, value in vars(difference).items()}
                 amplifying = run_in_thread(partial(amplified, shot["a"], shot[name]))

@@ -13,8 +13,8 @@ from ....crowd_lod.frame.frame_range import spread_evenly
 from ....crowd_lod.frame.index_cache import approach
 from ....crowd_lod.frame.planned import unplanned_notes
 from ....crowd_lod.output import tables
+from ....crowd_lod.output.file_checks import save_png
 from ....crowd_lod.output.frame_parts import FrameParts
-from ....crowd_lod.output.png_file import save_png
 from ....crowd_lod.output.verify_report import verify_page
 from ....crowd_lod.progress import Workload, run_in_thread, unsure
 from ....crowd_lod.validation.render_proof import is_ok, verdict, worst_agents

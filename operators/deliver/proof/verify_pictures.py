@@ -8,9 +8,9 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ....crowd_lod.culling.stereo import EYES
+from ....crowd_lod.culling.camera import EYES
 from ....crowd_lod.output import file_checks
-from ....crowd_lod.output.png_file import save_png
+from ....crowd_lod.output.file_checks import save_png
 from ....crowd_lod.progress import run_in_thread
 from ...blender import cameras, console, image_data, removal
 from ..preview import preview_stage

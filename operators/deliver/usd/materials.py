@@ -6,7 +6,7 @@ from typing import Any
 
 import bpy
 
-from ....crowd_lod.output.png_file import save_png
+from ....crowd_lod.output.file_checks import save_png
 from ...blender import image_data
 from ...blender.colors import Looks
 from ...blender.materials import shader_of

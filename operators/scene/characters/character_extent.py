@@ -8,8 +8,7 @@ from typing import NamedTuple, TypeVar
 import bpy
 import numpy as np
 
-from ....crowd_lod.crowd.bounding_spheres import bounding_sphere
-from ....crowd_lod.crowd.sole import ground_of, sole_of
+from ....crowd_lod.crowd.bounds import bounding_sphere, ground_of, sole_of
 from ....crowd_lod.errors import CrowdError
 from ....crowd_lod.mesh import EMPTY, Mesh, join
 from ....crowd_lod.progress import Workload

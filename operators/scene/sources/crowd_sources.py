@@ -9,7 +9,7 @@ import numpy as np
 
 from ....crowd_lod.behavior.walk import Walk
 from ....crowd_lod.crowd.agents import Crowd, Draw, Group
-from ....crowd_lod.crowd.bounding_spheres import cover_sizes, cover_wardrobes
+from ....crowd_lod.crowd.bounds import cover_sizes, cover_wardrobes
 from ....crowd_lod.crowd.state_machine import StateMachine
 from ....crowd_lod.errors import CrowdError
 from ....crowd_lod.messages import Message, MessageKind
@@ -18,7 +18,7 @@ from ....crowd_lod.sources.dressed import Dressed
 from ....crowd_lod.sources.recorded import Recorded
 from ....crowd_lod.sources.several import Several
 from ....crowd_lod.sources.trajectory import Trajectory
-from ....crowd_lod.tracks.group_choice import groups_of_agents
+from ....crowd_lod.tracks.reading import groups_of_agents
 from ....crowd_lod.world import spawn_places
 from ....crowd_lod.world.first_frame import populate
 from ....crowd_lod.world.maps import LabelMap

@@ -16,7 +16,7 @@ from ....crowd_lod.format import counted, printable
 from ....crowd_lod.output import files
 from ....crowd_lod.progress import Made, Workload
 from ....crowd_lod.sources.points import Snapshot
-from ....crowd_lod.tracks import npz
+from ....crowd_lod.tracks import reading
 from ....crowd_lod.tracks.rows import MOST_ROWS, Rows
 from ...blender import evaluation, scene_data
 from ...blender.operator import Stepwise
@@ -196,7 +196,7 @@ def record_crowds(
             crowds, snapshots, frames_with_points, paths, strict=True
         ):
             rows = _rows(crowd, crowd_snapshots, crowd_frames, len(times), groups)
-            npz.write_npz(stack.enter_context(files.staged_file(path)), rows)
+            reading.write_npz(stack.enter_context(files.staged_file(path)), rows)
     for crowd, path, crowd_frames in zip(crowds, paths, frames_with_points, strict=True):
         crowd.source = "FILE"
         crowd.tracks_file = str(path)
