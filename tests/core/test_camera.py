@@ -5,10 +5,10 @@ import pytest
 from crowd_lod_extension.benchmarks.cull_audit import LENSES, random_camera
 from crowd_lod_extension.crowd_lod.culling.camera import (
     Stereo,
-    eye,
     frustum_corners,
     lens_blur,
     make_spherical,
+    place_eye,
     referential,
     window,
 )
@@ -185,7 +185,7 @@ def test_off_axis_eyes_meet_at_the_convergence_distance():
     stereo = Stereo("OFFAXIS", "CENTER", 0.4, 5.0)
     edges = []
     for side in ("left", "right"):
-        moved, slope = eye(matrix, stereo, side)
+        moved, slope = place_eye(matrix, stereo, side)
         edges.append(moved[0, 3] + slope * 5.0)  # the middle of its image, 5 m ahead
     assert edges == pytest.approx([0, 0])
 
