@@ -12,7 +12,7 @@ from ..crowd.paces import Paces
 from ..errors import CrowdError
 from ..progress import Workload
 from ..world.maps import Area
-from .reused_columns import ReusedColumns
+from .changed import ReusedColumns
 from .trajectory import States, Trajectory
 
 MOST = 256  # states, and paces, of all crowds together: they are counted in a byte

@@ -5,7 +5,7 @@ said of wrong ones.
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.sources.overridden import Overridden
+from crowd_lod_extension.crowd_lod.sources.changed import Overridden
 from crowd_lod_extension.operators.blender import sidebar_answers
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 

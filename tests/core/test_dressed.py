@@ -9,7 +9,7 @@ from crowd_lod_extension.crowd_lod.crowd.bounds import cover_wardrobes
 from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS
 from crowd_lod_extension.crowd_lod.crowd.wardrobe import count_people
 from crowd_lod_extension.crowd_lod.frame.frame import plan
-from crowd_lod_extension.crowd_lod.sources.dressed import Dressed
+from crowd_lod_extension.crowd_lod.sources.changed import Dressed
 from crowd_lod_extension.crowd_lod.world import morton_order
 from crowd_lod_extension.crowd_lod.world.first_frame import populate
 from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap

@@ -14,7 +14,7 @@ from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.frame.reasons import Reason, reasons
 from crowd_lod_extension.crowd_lod.frame.shadows import Surroundings, surround
 from crowd_lod_extension.crowd_lod.shot.overrides import agents_text, parse_agents
-from crowd_lod_extension.crowd_lod.sources.overridden import CrowdOverride, Overridden
+from crowd_lod_extension.crowd_lod.sources.changed import CrowdOverride, Overridden
 from crowd_lod_extension.crowd_lod.sources.several import Several
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
 from crowd_lod_extension.crowd_lod.world import morton_order

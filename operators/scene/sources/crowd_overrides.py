@@ -6,7 +6,7 @@ import bpy
 
 from ....crowd_lod.errors import CrowdError
 from ....crowd_lod.shot.overrides import HIDE, parse_agents
-from ....crowd_lod.sources.overridden import CrowdOverride, Overridden
+from ....crowd_lod.sources.changed import CrowdOverride, Overridden
 from ....crowd_lod.sources.trajectory import Trajectory
 from ...blender import scene_cache, stored_values
 

@@ -14,7 +14,7 @@ from ....crowd_lod.crowd.state_machine import StateMachine
 from ....crowd_lod.errors import CrowdError
 from ....crowd_lod.messages import Message, MessageKind
 from ....crowd_lod.progress import Workload, run_in_thread
-from ....crowd_lod.sources.dressed import Dressed
+from ....crowd_lod.sources.changed import Dressed
 from ....crowd_lod.sources.recorded import Recorded
 from ....crowd_lod.sources.several import Several
 from ....crowd_lod.sources.trajectory import Trajectory
