@@ -26,6 +26,8 @@ from .plain_step import advance
 
 # A step may cross this many cells; one that would cross more is refused, it would seem to hang.
 MOST_CELLS = 65_536
+# A crowd of fewer agents is stepped faster as a whole than in two ways.
+FEW_AGENTS = 3000
 
 
 def courant(machine: StateMachine, world: LabelMap, seconds: float) -> np.ndarray:
@@ -314,10 +316,6 @@ def _show(
     share = share[goes_on]
     faded[agents] = share
     played[agents] = first[goes_on] + ((share + EARLY) * FADE_STEPS).astype(np.intp)
-
-
-# A crowd of fewer agents is stepped faster as a whole than in two ways.
-FEW_AGENTS = 3000
 
 
 def step(crowd: Crowd, machine: StateMachine, world: LabelMap, seconds: float) -> Crowd:

@@ -6,8 +6,7 @@ A plan without it is the same as the full pipeline's, bit for bit.
 from dataclasses import dataclass
 
 
-# compared by identity: a frame asks for these many times
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class LeftOut:
     """A part of the pipeline's `stage` that a scene does not need, and why."""
 

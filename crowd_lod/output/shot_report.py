@@ -1,4 +1,4 @@
-"""What the report of a shot plan says, figures, sentences and warnings, and what plan.json tells."""
+"""What the report of a shot plan says, in figures and sentences, and what plan.json tells."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass

@@ -113,9 +113,9 @@ class SurveyRecording:
                 f"{len(self.group):,} before: its number must not change during a shot."
             )
         with starting_threads():
-            self._last = self._pool.submit(self._record, frame, before, rays, cut)
+            self._last = self._pool.submit(self._keep_record, frame, before, rays, cut)
 
-    def _record(self, frame: Frame, before: Frame | None, rays: float, cut: bool) -> None:
+    def _keep_record(self, frame: Frame, before: Frame | None, rays: float, cut: bool) -> None:
         self.records.append(_record(self, frame, before, rays, cut))
 
     def _wait(self) -> None:

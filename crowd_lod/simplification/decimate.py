@@ -23,7 +23,8 @@ from .surface_fit import NEAR_ENOUGH, SurfaceFit
 from .triangle_mesh import constrained_edges, edge_keys, half_edges
 
 # fast-simplification's collapses are cheap, but know nothing of poses. It leaves as many times the
-# triangles wanted, and as large a part of the source's beside: the last collapses are chosen better.
+# triangles wanted, and as large a part of the source's beside: the last collapses are chosen
+# better.
 BULK_MARGIN = 1.1
 BULK_PART = 0.04
 # triangles that it leaves at least: of a mesh with seams, which it does not know, with poses
