@@ -174,6 +174,22 @@ def _root_motion(several: Sequence[Message], _: str) -> str:
     )
 
 
+def _no_stride(several: Sequence[Message], _: str) -> str:
+    action, aside, speeds = (several[0].facts[name] for name in ("action", "aside", "speeds"))
+    moves = _each(several, "{subject} by {way} m in {period} s")
+    if aside:
+        why = f"not along Forward ({aside})"
+    elif speeds:
+        why = f"and agents walk at {listed(map(number, speeds), ' or ')} m/s"
+    else:
+        why = "and agents stand"
+    plays, owner = (f"action {action}", "the action") if action else ("own animation", "the group")
+    return (
+        f"The {plays} moves {moves}, {why}: that is no stride, so it plays by time. If it is one, "
+        f"give {owner} a custom property stride, in meters."
+    )
+
+
 def _feet_slide(several: Sequence[Message], _: str) -> str:
     state = several[0].facts["state"]
     slide = number(max(_facts(several, "slide")))
@@ -372,6 +388,7 @@ WORDS: dict[MessageKind, Callable[[Sequence[Message], str], str]] = {
     MessageKind.WITHOUT_FACES: _without_faces,
     MessageKind.UNSAVED: _unsaved,
     MessageKind.ROOT_MOTION: _root_motion,
+    MessageKind.NO_STRIDE: _no_stride,
     MessageKind.FEET_SLIDE: _feet_slide,
     MessageKind.NO_WALK: _no_walk,
     MessageKind.GLIDES: _glides,
@@ -392,6 +409,7 @@ WORDS: dict[MessageKind, Callable[[Sequence[Message], str], str]] = {
 LOD = "measured", "triangles"
 APART = {
     MessageKind.ROOT_MOTION: ("action",),
+    MessageKind.NO_STRIDE: ("action", "aside", "speeds"),
     MessageKind.FEET_SLIDE: ("state", "stride"),
     MessageKind.SAVES_LITTLE: (*LOD, "finer"),
     MessageKind.BESIDE_GIVEN: (*LOD, "given"),

@@ -28,6 +28,7 @@ class MessageKind(StrEnum):
     WITHOUT_FACES = auto()
     UNSAVED = auto()
     ROOT_MOTION = auto()
+    NO_STRIDE = auto()
     FEET_SLIDE = auto()
     NO_WALK = auto()
     GLIDES = auto()

@@ -22,8 +22,7 @@ def own_performance(objects: list[bpy.types.Object]) -> Performance:
 
 
 def _own_part(objects: list[bpy.types.Object]) -> PlayedAction:
-    root = of_character(objects)
-    return PlayedAction("", *action_range(objects), root=root, stride=root.way)
+    return PlayedAction("", *action_range(objects), root=of_character(objects))
 
 
 def performance_of(
@@ -132,9 +131,7 @@ def _find_action(group: str, objects: list[bpy.types.Object], name: str) -> Play
             f"to play it in a cycle."
         )
     root = of_action(player, objects, action, handle, (first, last))
-    return PlayedAction(
-        name, first, last, action, handle, player, root, _stride(action) or root.way
-    )
+    return PlayedAction(name, first, last, action, handle, player, root, _stride(action))
 
 
 def _player(

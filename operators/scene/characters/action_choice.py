@@ -303,5 +303,5 @@ def _speed(
 ) -> float:
     """Return how fast the action moves the rig on, m/s; 0 if it stays in its place."""
     first, last = span_of(fit.action, fit.curves)
-    way = of_action(rig, items, fit.action, fit.handle, (first, last)).way
-    return way * scene_data.meters(scene) * scene_data.frame_rate(scene) / (last - first)
+    way = np.hypot(*of_action(rig, items, fit.action, fit.handle, (first, last)).way)
+    return float(way) * scene_data.meters(scene) * scene_data.frame_rate(scene) / (last - first)
