@@ -10,7 +10,7 @@ import numpy as np
 from ..mesh import connected_components
 from .closest_point import distances
 from .collapse_choice import AREA_POWER
-from .rasterizer import cover
+from .rasterizer import covered
 from .triangle_mesh import blocks, length, normals
 
 # A point of the source that a collapse leaves behind counts with this part of the distance: the
@@ -276,9 +276,7 @@ def silhouette_areas(
         at = ((flat - low[part, None]) / size[part, None] * (cell - 2) + 1) + cell * place[
             part, None
         ]
-        mask = np.zeros((across * cell) ** 2, bool)
-        for pixels, _, _ in cover(at, (across * cell, across * cell)):
-            mask[pixels] = True
-        covered = mask.reshape(across, cell, across, cell).sum(axis=(1, 3)).ravel()
-        total += covered[:count] * size.prod(axis=1)
+        mask = covered(at, (across * cell, across * cell))
+        pixels = mask.reshape(across, cell, across, cell).sum(axis=(1, 3)).ravel()
+        total += pixels[:count] * size.prod(axis=1)
     return total / (cell - 2) ** 2 / len(DIRECTIONS)

@@ -49,6 +49,14 @@ def cover(
         )
 
 
+def covered(corners: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """The pixels that triangles cover, (rows, columns) bool; corners, shape: see `cover`."""
+    mask = np.zeros(shape[0] * shape[1], bool)
+    for pixels, _, _ in cover(corners, shape):
+        mask[pixels] = True
+    return mask.reshape(shape)
+
+
 def nearest(
     corners: np.ndarray, depth: np.ndarray, shape: tuple[int, int]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
