@@ -122,7 +122,7 @@ def spoil_arrays(path, dice):
         name = dice.choice((*arrays, "unit", "heading", "phase", "group", "z", "fps"))
         if dice.random() < 0.2:
             arrays.pop(name, None)
-        elif dice.random() < 0.7 or arrays.get(name, np.zeros(())).dtype.kind not in "iuf":
+        elif dice.random() < 0.7 or arrays.get(name, np.array("")).dtype.kind not in "iuf":
             arrays[name] = dice.choice(ARRAYS)
         else:
             with np.errstate(invalid="ignore", over="ignore"):
