@@ -112,6 +112,15 @@ def _checked_in_part(several: Sequence[Message], _: str) -> str:
     )
 
 
+def _beside_offset(several: Sequence[Message], _: str) -> str:
+    verb, pronoun = ("stands", "its") if len(several) == 1 else ("stand", "their")
+    return (
+        f"{_each(several, '{subject} ({beside} m)')} {verb} beside the Instance Offset of {pronoun} "
+        f"collection, so {pronoun} rig or mesh places the agents. To move the offset there, use Set "
+        f"Offset from Object in the Object Properties."
+    )
+
+
 def _raised(several: Sequence[Message], _: str) -> str:
     return f"Raised so that their feet touch the ground: {_each(several, '{subject} by {rise} m')}."
 
@@ -386,6 +395,7 @@ WORDS: dict[MessageKind, Callable[[Sequence[Message], str], str]] = {
     MessageKind.CHATTERS: _chatters,
     MessageKind.STUCK: _stuck,
     MessageKind.CHECKED_IN_PART: _checked_in_part,
+    MessageKind.BESIDE_OFFSET: _beside_offset,
     MessageKind.RAISED: _raised,
     MessageKind.OFF_ITS_SOLES: _off_its_soles,
     MessageKind.UNKNOWN_EXTENT: _unknown_extent,

@@ -20,6 +20,7 @@ class MessageKind(StrEnum):
     STUCK = auto()
     CHECKED_IN_PART = auto()
     # of characters
+    BESIDE_OFFSET = auto()
     RAISED = auto()
     OFF_ITS_SOLES = auto()
     UNKNOWN_EXTENT = auto()
