@@ -112,6 +112,15 @@ def _checked_in_part(several: Sequence[Message], _: str) -> str:
     )
 
 
+def _beside_offset(several: Sequence[Message], _: str) -> str:
+    verb, pronoun = ("stands", "its") if len(several) == 1 else ("stand", "their")
+    return (
+        f"{_each(several, '{subject} ({beside} m)')} {verb} beside the Instance Offset of {pronoun} "
+        f"collection, so {pronoun} rig or mesh places the agents. To move the offset there, use Set "
+        f"Offset from Object in the Object Properties."
+    )
+
+
 def _raised(several: Sequence[Message], _: str) -> str:
     return f"Raised so that their feet touch the ground: {_each(several, '{subject} by {rise} m')}."
 
@@ -174,6 +183,22 @@ def _root_motion(several: Sequence[Message], _: str) -> str:
     )
 
 
+def _no_stride(several: Sequence[Message], _: str) -> str:
+    action, aside, speeds = (several[0].facts[name] for name in ("action", "aside", "speeds"))
+    moves = _each(several, "{subject} by {way} m in {period} s")
+    if aside:
+        why = f"not along Forward ({aside})"
+    elif speeds:
+        why = f"and agents walk at {listed(map(number, speeds), ' or ')} m/s"
+    else:
+        why = "and agents stand"
+    plays, owner = (f"action {action}", "the action") if action else ("own animation", "the group")
+    return (
+        f"The {plays} moves {moves}, {why}: that is no stride, so it plays by time. If it is one, "
+        f"give {owner} a custom property stride, in meters."
+    )
+
+
 def _feet_slide(several: Sequence[Message], _: str) -> str:
     state = several[0].facts["state"]
     slide = number(max(_facts(several, "slide")))
@@ -215,15 +240,21 @@ def chosen_by(name: bool) -> str:
 
 def _glides(several: Sequence[Message], button: str) -> str:
     verb, pronoun = ("has", "it") if len(several) == 1 else ("have", "them")
-    fits = sorted({fit for fit in _facts(several, "fit") if fit})
-    way = (
-        f"press {button}, which gives {pronoun} {listed(fits)}"
-        if fits
-        else f"import the file of the pack that holds its motion, then press {button}"
+    walks = sorted({walk for walk in _facts(several, "walk") if walk})
+    others, refused = (
+        list(dict.fromkeys(name for names in _facts(several, fact) for name in names))
+        for fact in ("others", "refused")
     )
+    if walks:
+        way = f"press {button}, which gives {pronoun} {listed(walks)}"
+    elif others:
+        way = f"choose the action ({listed(others)}) in Character Groups"
+    else:
+        way = f"import the file of the pack that holds its motion, then press {button}"
+    other_skeleton = f" Made for another skeleton: {listed(refused)}." if refused else ""
     return (
         f"{_subjects(several)} {verb} a rig that plays no action, and would glide in its bind "
-        f"pose: {way}."
+        f"pose: {way}. Or press Stand Still.{other_skeleton}"
     )
 
 
@@ -364,6 +395,7 @@ WORDS: dict[MessageKind, Callable[[Sequence[Message], str], str]] = {
     MessageKind.CHATTERS: _chatters,
     MessageKind.STUCK: _stuck,
     MessageKind.CHECKED_IN_PART: _checked_in_part,
+    MessageKind.BESIDE_OFFSET: _beside_offset,
     MessageKind.RAISED: _raised,
     MessageKind.OFF_ITS_SOLES: _off_its_soles,
     MessageKind.UNKNOWN_EXTENT: _unknown_extent,
@@ -372,6 +404,7 @@ WORDS: dict[MessageKind, Callable[[Sequence[Message], str], str]] = {
     MessageKind.WITHOUT_FACES: _without_faces,
     MessageKind.UNSAVED: _unsaved,
     MessageKind.ROOT_MOTION: _root_motion,
+    MessageKind.NO_STRIDE: _no_stride,
     MessageKind.FEET_SLIDE: _feet_slide,
     MessageKind.NO_WALK: _no_walk,
     MessageKind.GLIDES: _glides,
@@ -392,6 +425,7 @@ WORDS: dict[MessageKind, Callable[[Sequence[Message], str], str]] = {
 LOD = "measured", "triangles"
 APART = {
     MessageKind.ROOT_MOTION: ("action",),
+    MessageKind.NO_STRIDE: ("action", "aside", "speeds"),
     MessageKind.FEET_SLIDE: ("state", "stride"),
     MessageKind.SAVES_LITTLE: (*LOD, "finer"),
     MessageKind.BESIDE_GIVEN: (*LOD, "given"),

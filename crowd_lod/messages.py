@@ -20,6 +20,7 @@ class MessageKind(StrEnum):
     STUCK = auto()
     CHECKED_IN_PART = auto()
     # of characters
+    BESIDE_OFFSET = auto()
     RAISED = auto()
     OFF_ITS_SOLES = auto()
     UNKNOWN_EXTENT = auto()
@@ -28,6 +29,7 @@ class MessageKind(StrEnum):
     WITHOUT_FACES = auto()
     UNSAVED = auto()
     ROOT_MOTION = auto()
+    NO_STRIDE = auto()
     FEET_SLIDE = auto()
     NO_WALK = auto()
     GLIDES = auto()

@@ -16,6 +16,7 @@ import crowd_lod_extension
 from crowd_lod_extension.operators import registration
 from crowd_lod_extension.operators.cli.commands import parser
 from crowd_lod_extension.operators.settings.crowd_settings import CROWD_NAMES, CrowdLodArea
+from crowd_lod_extension.operators.settings.level_settings import HowItPlays
 from crowd_lod_extension.operators.settings.properties import (
     STEPS,
     CrowdLodGroup,
@@ -76,9 +77,10 @@ def type_of(prop: bpy.types.Property) -> str:
     return (f"{prop.array_length} {plain}s" if getattr(prop, "is_array", False) else plain) + unit
 
 
-def properties_of(kind: type) -> list[Any]:
-    """Return Blender's properties of the class itself."""
-    return [kind.bl_rna.properties[name] for name in kind.__annotations__]
+def properties_of(kind: type, *bases: type) -> list[Any]:
+    """Return Blender's properties of the class itself, and those that it has of its `bases`."""
+    names = [name for each in (kind, *bases) for name in each.__annotations__]
+    return [kind.bl_rna.properties[name] for name in names]
 
 
 def rows(props: Iterable[Any]) -> Iterator[str]:
@@ -125,7 +127,7 @@ def settings_page() -> str:
         section(
             "Each of groups",
             "What was measured of a character group.",
-            properties_of(CrowdLodGroup),
+            properties_of(CrowdLodGroup, HowItPlays),
         ),
         f"## Each of crowds\n\nA crowd has a `name`, and the settings above from "
         f"`{CROWD_NAMES[0]}` to `{CROWD_NAMES[-1]}`.\n",

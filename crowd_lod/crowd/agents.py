@@ -9,6 +9,7 @@ import numpy as np
 from ..errors import CrowdError
 from . import random_streams
 from .paces import mixed_in
+from .strides import Plays
 
 MOST_AGENTS = 10_000_000
 MOST_GROUPS = 255
@@ -52,8 +53,9 @@ class Action:
     period: seconds of one cycle.
     feet: meters that its feet walk in a cycle; 0 if they stand, or if that was not measured.
     way: meters that it travels in a cycle, which is taken out; 0 likewise.
+    plays: why it has this stride.
 
-    The last two change nothing: by them it is told whether feet slide.
+    The last three change nothing: by them it is told how it plays, and whether feet slide.
     """
 
     name: str
@@ -61,6 +63,7 @@ class Action:
     period: float
     feet: float = field(default=0.0, compare=False, repr=False)
     way: float = field(default=0.0, compare=False, repr=False)
+    plays: Plays = field(default=Plays.IN_PLACE, compare=False, repr=False)
 
 
 @dataclass(frozen=True)
@@ -82,7 +85,7 @@ class Group:
     scale: the least and the greatest of its agents, see bounding_spheres.cover_sizes.
     actions: those besides its own action that states name. All figures but stride and period hold
         over all actions.
-    way: meters that its own action travels in a cycle, as Action.way.
+    way, plays: of its own action, as Action's.
     height: meters, of the character as it stands in most of its own action; 0 if not measured.
     variant_of: of a part that agents wear, the group whose agents do; "" for a group of agents.
     chance: of a part, that it is drawn in its slot.
@@ -125,6 +128,7 @@ class Group:
     slot: str = ""
     excludes: tuple[str, ...] = ()
     way: float = field(default=0.0, compare=False, repr=False)
+    plays: Plays = field(default=Plays.IN_PLACE, compare=False, repr=False)
     height: float = field(default=0.0, compare=False, repr=False)
     girth: float = 0.0
 

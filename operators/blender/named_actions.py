@@ -10,6 +10,8 @@ import numpy as np
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.crowd.paces import mixed_in
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.message_words import listed
+from .action_fit import fit_of
 from .animation import action_range, armatures_of, players_of, span_of
 from .character_objects import group_of
 from .performance import Performance, PlayedAction, slot_curves
@@ -22,8 +24,7 @@ def own_performance(objects: list[bpy.types.Object]) -> Performance:
 
 
 def _own_part(objects: list[bpy.types.Object]) -> PlayedAction:
-    root = of_character(objects)
-    return PlayedAction("", *action_range(objects), root=root, stride=root.way)
+    return PlayedAction("", *action_range(objects), root=of_character(objects))
 
 
 def performance_of(
@@ -125,6 +126,7 @@ def _find_action(group: str, objects: list[bpy.types.Object], name: str) -> Play
             f"character group {group}. Name its own action {action_names(group, name)[0]}."
         )
     player, handle = player_and_slot
+    _check_skeleton(group, player, action)
     first, last = span_of(action, slot_curves(action, handle))
     if first == last:
         raise CrowdError(
@@ -132,8 +134,23 @@ def _find_action(group: str, objects: list[bpy.types.Object], name: str) -> Play
             f"to play it in a cycle."
         )
     root = of_action(player, objects, action, handle, (first, last))
-    return PlayedAction(
-        name, first, last, action, handle, player, root, _stride(action) or root.way
+    return PlayedAction(name, first, last, action, handle, player, root, _stride(action))
+
+
+def _check_skeleton(group: str, player: bpy.types.Object, action: bpy.types.Action) -> None:
+    """Raise CrowdError if the action was made for a skeleton that rests otherwise."""
+    fit = fit_of(player, action) if player.type == "ARMATURE" else None
+    if fit is None or not (fit.turned or fit.misfits):
+        return
+    own = f"{action.name} {player.name}"
+    remedy = (
+        "retarget it to this rig"
+        if fit.misfits
+        else f"choose it in Character Groups once, which turns its keys over for {own}"
+    )
+    raise CrowdError(
+        f"The action {action.name} was made for {fit.source.name}, and bones of {group} rest "
+        f"otherwise ({listed(fit.misfits or fit.turned)}): {remedy}."
     )
 
 

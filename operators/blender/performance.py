@@ -177,8 +177,7 @@ class PlayedAction:
     action, handle, player: the action, its slot's handle, and the object that plays it; None for
     the own.
     root: how it moves the character as a whole; taken out when it is played.
-    stride: meters walked in a cycle as its custom property says, or as far as it travels; 0 if
-        neither says.
+    stride: meters walked in a cycle as its custom property says; 0 without.
     mixed: of a step of a cross-fade its two actions, and the share of the second.
     """
 

@@ -49,11 +49,11 @@ class RootMotion:
     """What is taken out of an animation.
 
     travels: its curves.
-    way: of the character in the plane in a cycle of the animation, in units of the scene.
+    way: of the character along x and y in a cycle of the animation, in units of the scene.
     """
 
     travels: tuple[Travel, ...] = ()
-    way: float = 0.0
+    way: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -312,4 +312,4 @@ def _checked(
     """
     size = max((max(item.dimensions) for item in objects), default=0.0)
     goes = way.xy.length > TRAVELS * size and abs(way.z) <= way.xy.length
-    return RootMotion(travels, way.xy.length) if goes else RootMotion()
+    return RootMotion(travels, (way.x, way.y)) if goes else RootMotion()

@@ -17,7 +17,7 @@ from ..blender.stored_values import contents_of
 from ..scene.characters.character_provenance import CHARACTER, MOTION, is_known
 from ..scene.scene_crowd import read_crowd
 from ..scene.shot_reference import CAMERA, reference, stored_plan
-from ..scene.sources.crowd_parts import GROUPS, crowd_made_of, crowd_parts
+from ..scene.sources.crowd_parts import GROUPS, SPEEDS, crowd_made_of, crowd_parts
 from ..scene.sources.crowd_sources import live
 from ..settings.stored_figures import NO_BUDGET, holds_anyway
 from .bake_frames import differing_now, is_bake
@@ -211,8 +211,13 @@ def _crowd_made_of(scene: bpy.types.Scene) -> Parts | None:
 
 
 def _settle_crowd(scene: bpy.types.Scene, made_of: Parts, parts: Parts) -> list[Change]:
-    """Return the changes, with the groups that went and came; these tell of their motions."""
+    """Return the changes, with the groups that went and came; these tell of their motions.
+
+    By the agents' speeds actions are judged that travel, and nothing else.
+    """
     changes = []
+    groups = scene.crowd_lod.groups
+    travels = any(each.way for group in groups for each in (group, *group.actions))
     for change in _differ(scene, made_of, parts):
         if change.part == GROUPS:
             before = change.before.splitlines()
@@ -220,6 +225,8 @@ def _settle_crowd(scene: bpy.types.Scene, made_of: Parts, parts: Parts) -> list[
             went = ", ".join(line for line in before if line not in now)
             came = ", ".join(line for line in now if line not in before)
             changes.append(Change(GROUPS, went or "none", came or "none"))
+        elif change.part == SPEEDS:
+            changes += [change] * travels
         elif not change.part.startswith(MOTION) or (change.before and change.now):
             changes.append(change)
     return changes

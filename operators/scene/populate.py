@@ -17,10 +17,16 @@ from ..settings.crowds import crowds_of, first_crowd, set_lengths
 from ..settings.messages import in_words
 from .characters.character_notes import notes_on_actions, notes_on_images
 from .characters.character_provenance import reading_motions
-from .characters.characters import characters_of, notes_on_glow, notes_on_left_out, notes_on_unsaved
+from .characters.characters import (
+    characters_of,
+    notes_on_glow,
+    notes_on_left_out,
+    notes_on_places,
+    notes_on_unsaved,
+)
 from .characters.group_measuring import measuring_groups
+from .characters.motionless import notes_on_motion
 from .characters.stored_groups import store_groups
-from .characters.take_action import notes_on_gliding
 from .machine import kept_meshes, map_areas
 from .machine.scene_world import check_maps
 from .plausible import notes_on_extent, notes_on_feet, notes_on_plausibility
@@ -87,6 +93,7 @@ def _warnings(
 ) -> Iterator[Message]:
     """Yield messages on what is probably not as the user means it."""
     characters = characters_of(scene)
+    yield from notes_on_places(scene, groups)
     yield from notes_on_feet(scene, groups)
     yield from notes_on_extent(scene, characters, groups)
     yield from notes_on_plausibility(scene, characters, groups, crowds, trajectory.parts, depsgraph)
@@ -94,7 +101,7 @@ def _warnings(
     yield from notes_on_left_out(scene)
     yield from notes_on_unsaved(characters)
     yield from notes_on_actions(scene, groups)
-    yield from notes_on_gliding(scene)
+    yield from notes_on_motion(scene)
     yield from notes_on_glow(scene)
     yield from notes_on_images(characters)
 

@@ -7,6 +7,7 @@ import bpy
 import numpy as np
 from idprop.types import IDPropertyArray
 
+from ...crowd_lod.crowd.strides import Plays
 from ...crowd_lod.levels.assignment import MOST_LEVELS, pushed
 from ..blender.labeled_properties import (
     BoolProperty,
@@ -79,7 +80,29 @@ def _before(owner: bpy.types.PropertyGroup) -> np.ndarray:
 THRESHOLDS = (0.15, 0.4, 0.6, 0.7, 0.8, 0.9, 1.0)
 
 
-class CrowdLodAction(bpy.types.PropertyGroup):
+class HowItPlays:
+    """What Populate found of how an action plays."""
+
+    way: FloatProperty(
+        name="Way", unit="LENGTH", description="Distance that it travels in a cycle, taken out"
+    )
+    plays: EnumProperty(
+        name="Plays",
+        description="What the action follows",
+        default=Plays.IN_PLACE,
+        items=[
+            (Plays.GIVEN, "By Stride", "A stride that a custom property gives"),
+            (Plays.WAY, "By Stride", "The distance that it travels in a cycle"),
+            (Plays.FEET, "By Stride", "The distance that its feet walk in a cycle"),
+            (Plays.IN_PLACE, "By Time", "It travels nowhere"),
+            (Plays.OFF_SPEED, "By Time", "It travels at another speed than its agents walk"),
+            (Plays.ASIDE, "By Time", "It travels, but not along Forward"),
+            (Plays.NOBODY_WALKS, "By Time", "It travels, and its agents stand"),
+        ],
+    )
+
+
+class CrowdLodAction(HowItPlays, bpy.types.PropertyGroup):
     """Measurements of the action that states name `name`, as one character group plays it."""
 
     stride: FloatProperty(
@@ -92,7 +115,7 @@ class CrowdLodAction(bpy.types.PropertyGroup):
     )
 
 
-class CrowdLodGroup(bpy.types.PropertyGroup):
+class CrowdLodGroup(HowItPlays, bpy.types.PropertyGroup):
     """Measurements of the character group `name`, and its own LOD thresholds."""
 
     center: FloatProperty(

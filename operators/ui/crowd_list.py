@@ -4,7 +4,7 @@ import bpy
 
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender.operator import Reporting
-from ..scene.sources.tracks_source import notes_on_frames
+from ..scene.machine.tracks_source import notes_on_frames
 from ..settings import needs
 from ..settings.crowds import active_crowd, add_crowd, index_of_active, set_lengths
 from ..viewport import viewport_overlay

@@ -102,6 +102,11 @@ def length(context, units: float) -> str:
     )
 
 
+def speed(context, way: float, seconds: float) -> str:
+    """Return how fast a character travels `way` units in so many seconds; "-" if it does not."""
+    return f"{length(context, way / seconds)}/s" if way and seconds else "-"
+
+
 def distance(context, units: float | None) -> str:
     """Return the distance where a LOD begins as text; "-" for None."""
     if units is None:

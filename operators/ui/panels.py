@@ -17,8 +17,10 @@ from ..freshness.artifacts import LODS, stale
 from ..scene.sources.jupedsim_run import has_jupedsim
 from ..settings import needs
 from ..settings.crowds import active_crowd
+from ..settings.level_settings import CrowdLodGroup
 from ..viewport import viewport_overlay
 from . import steps
+from .action_menu import draw_action
 from .agent_overrides import draw_agent_overrides
 from .crowd_list import (
     MOVERS,
@@ -39,6 +41,7 @@ from .drawing import (
     length,
     letters_of,
     limit,
+    speed,
     table,
     wide,
 )
@@ -142,14 +145,25 @@ class CROWDLOD_PT_groups(StepPanel, bpy.types.Panel):
 
     @classmethod
     def poll(cls, context) -> bool:
-        return len(context.scene.crowd_lod.groups) > 1
+        return len(context.scene.crowd_lod.groups) > 0
 
     def body(self, context, layout, settings) -> None:
-        rows = [
-            (g.name, length(context, g.radius), length(context, g.stride)) for g in settings.groups
-        ]
-        table(layout, ("Group", "Radius", "Stride"), rows)
         groups = [group for group in settings.groups if not group.variant_of]
+        rows = [
+            (
+                group.name,
+                length(context, group.radius),
+                length(context, group.stride) if group.stride else "by time",
+                speed(context, group.stride or group.way, group.period),
+            )
+            for group in groups
+        ]
+        table(layout, ("Group", "Radius", "Stride", "Speed"), rows)
+        kinds = CrowdLodGroup.bl_rna.properties["plays"].enum_items
+        for group in [group for group in groups if group.way and not group.stride][:MOST_ROWS]:
+            label(layout, f"{group.name}: {kinds[group.plays].description}", "INFO")
+        for group in groups[:MOST_ROWS]:
+            draw_action(layout, context.scene, group)
         for group in groups[:MOST_ROWS] if len(groups) > 1 else ():
             layout.prop(group, "share", text=f"{group.name} Share", translate=False)
         crowd = active_crowd(settings)

@@ -13,8 +13,10 @@ from crowd_lod_extension.operators.scene.characters.character_extent import posi
 from crowd_lod_extension.operators.scene.characters.character_notes import notes_on_actions
 from crowd_lod_extension.operators.scene.characters.group_measuring import measure_groups
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
+from crowd_lod_extension.operators.settings.crowds import first_crowd
 
 from ..support.characters import character, new, rig, skin, tube
+from ..support.freshness import changed_since_populate
 from ..support.messages import sentences, told
 
 WAY = 1.2
@@ -72,6 +74,8 @@ def walker(name="someone"):
     bpy.context.scene.collection.objects.link(armature)
     character(item, name=name)
     scene.render.fps = 24
+    scene.crowd_lod.forward = "X"
+    first_crowd(scene.crowd_lod)
     return scene, item
 
 
@@ -201,3 +205,77 @@ def test_a_build_shows_agents_where_they_are(place):
         ]
         assert len(middles) == 1
         assert np.abs(middles[0] - agent)[0, :2].max() < 1e-3
+
+
+def phase_steps(scene, item):
+    """The cycles that an agent which walks plays in a frame."""
+    rates = trajectory_of(scene).gaits.rates[0]
+    return rates[trajectory_of(scene).gaits.paces.speeds > 0] / scene.render.fps
+
+
+def drift(owner, way, seconds=1):
+    """Key the location of the object so that it ends so far along the world's x."""
+    for frame, x in ((1, 0.0), (1 + 24 * seconds, way)):
+        owner.location = (x, 0, 0)
+        owner.keyframe_insert("location", frame=frame)
+
+
+@pytest.mark.parametrize("way, seconds", [(0.03, 1), (0.2, 1), (0.3, 10)])
+def test_who_drifts_plays_by_time_and_that_is_told(way, seconds):
+    scene, item = walker()
+    drift(bpy.data.objects["rig"], way, seconds)
+    scene.crowd_lod.count = 1
+    bpy.ops.crowd_lod.populate()
+    group = scene.crowd_lod.groups[0]
+    assert group.stride == 0 and group.way == pytest.approx(way) and group.plays == "off_speed"
+    assert phase_steps(scene, item) == pytest.approx(1 / (24 * seconds))
+    assert (
+        f"The own animation moves someone by {way:.3g} m in {seconds} s, and agents walk at 1.25 "
+        "m/s: that is no stride, so it plays by time." in told(scene)
+    )
+    bpy.data.collections["someone"]["stride"] = way  # who knows better
+    bpy.ops.crowd_lod.populate()
+    assert group.stride == pytest.approx(way) and group.plays == "given"
+
+
+def test_who_travels_aside_plays_by_time_and_that_is_told():
+    scene, item = walker()
+    drift(bpy.data.objects["rig"], WAY)
+    scene.crowd_lod.count = 1
+    scene.crowd_lod.forward = "Y"
+    bpy.ops.crowd_lod.populate()
+    assert scene.crowd_lod.groups[0].plays == "aside" and "not along Forward (Y)" in told(scene)
+    assert changed_since_populate(scene) == []
+    scene.crowd_lod.forward = "X"
+    assert changed_since_populate(scene) == ["the agents' speeds"]
+    bpy.ops.crowd_lod.populate()
+    assert scene.crowd_lod.groups[0].stride == pytest.approx(WAY)
+
+
+def test_a_stride_is_judged_by_the_speeds_of_the_state_machine_or_the_file(tmp_path):
+    scene, item = walker()
+    drift(bpy.data.objects["rig"], 0.2)
+    settings = scene.crowd_lod
+    settings.count = 1
+    text = bpy.data.texts.new("stroll")
+    text.from_string(
+        '{"version": 1, "labels": {"ground": {"color": "#808080"}}, "states": {"stroll": {"start": '
+        '1, "on": {"*": {"move": [0.3, 0]}}}}}'
+    )
+    bpy.ops.crowd_lod.populate()
+    settings.crowds[0].machine = text
+    assert changed_since_populate(scene) == ["the agents' speeds"]
+    bpy.ops.crowd_lod.populate()
+    assert settings.groups[0].stride == pytest.approx(0.2)
+    rows = [f"{agent},{frame},{frame * 0.06 * agent},0" for agent in (1, 2) for frame in range(24)]
+    path = tmp_path / "tracks.csv"
+    path.write_text("\n".join(["id,frame,x,y", *rows]))
+    settings.crowds[0].source = "FILE"
+    settings.crowds[0].tracks_file = str(path)
+    assert changed_since_populate(scene) == ["the agents' speeds"]
+    bpy.ops.crowd_lod.populate()  # 1.44 and 2.88 m/s
+    assert settings.groups[0].plays == "off_speed"
+    text.from_string(text.as_string().replace("[0.3", "[0"))
+    settings.crowds[0].source = "MACHINE"
+    bpy.ops.crowd_lod.populate()
+    assert settings.groups[0].plays == "nobody_walks" and "and agents stand" in told(scene)

@@ -8,6 +8,7 @@ import numpy as np
 
 from ....crowd_lod.crowd.agents import Action, Group
 from ....crowd_lod.crowd.state_machine import StateMachine
+from ....crowd_lod.crowd.strides import BY_STRIDE, Plays
 from ....crowd_lod.format import printable
 from ....crowd_lod.messages import Message, MessageKind
 from ...blender import scene_data
@@ -16,6 +17,7 @@ from ...blender.named_actions import action_names
 from ...settings.crowds import crowds_of
 from ..machine.scene_world import machine_of
 from .rig_needs import Characters
+from .strides import speeds_of
 
 SLIDES = 0.01  # meters in a cycle: feet that slide less do not count
 
@@ -31,19 +33,29 @@ def notes_on_actions(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterato
     for group in groups:
         if group.variant_of:
             continue
-        yield from _root_motion(scene, group, "", group.way)
+        own = Action("", group.stride, group.period, way=group.way, plays=group.plays)
+        for action in (own, *group.actions):
+            yield from _root_motion(scene, group, action)
         for action in group.actions:
-            yield from _root_motion(scene, group, _title(group, action), action.way)
             yield from _slides(scene, group, action, machines)
 
 
-def _root_motion(
-    scene: bpy.types.Scene, group: Group, action: str, way: float
-) -> Iterator[Message]:
-    """Yield a message on what an action moves, or the group's own animation, ""."""
-    if way:
-        facts = {"action": action, "way": float(way * scene_data.meters(scene))}
+def _root_motion(scene: bpy.types.Scene, group: Group, action: Action) -> Iterator[Message]:
+    """Yield a message on how far an action moves the group, and whether that is its stride."""
+    if not action.way:
+        return
+    way = float(action.way * scene_data.meters(scene))
+    facts = {"action": _title(group, action) if action.name else "", "way": way}
+    if action.plays in BY_STRIDE:
         yield Message(MessageKind.ROOT_MOTION, group.name, facts)
+        return
+    speeds = sorted({speed for speed in speeds_of(scene, group.name, action.name) if speed})
+    why = {
+        "aside": scene.crowd_lod.forward if action.plays is Plays.ASIDE else "",
+        "speeds": speeds,
+    }
+    period = {"period": float(action.period)}
+    yield Message(MessageKind.NO_STRIDE, group.name, facts | period | why)
 
 
 def _slides(

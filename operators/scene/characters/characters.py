@@ -1,5 +1,6 @@
 """The character groups of a scene, the parts that their agents wear, and those that glow."""
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
@@ -8,16 +9,20 @@ import bpy
 from ....crowd_lod.crowd.agents import MOST_GROUPS, Group
 from ....crowd_lod.errors import CrowdError
 from ....crowd_lod.messages import Message, MessageKind
+from ...blender import scene_data
 from ...blender.character_objects import WITHOUT_FACES, is_stage, may_have_faces, parts
 from ...blender.materials import emits
 from ...blender.ownership import OWNED
 from ...blender.references import closure_of
 from ...settings.crowds import check_stored, crowds_of
 from ..machine import scene_world
+from .character_place import is_shape, place_of, place_of_members
 from .given_lods import CharacterGroup, GivenLod, Owner, label_of, with_given_lods
 from .rig_needs import Characters
 from .wardrobe import wardrobe_of
 
+# of a character's height: its collection's Instance Offset may be so far from where it stands
+BESIDE_OFFSET = 0.1
 # custom property of a LOD's collection of one character group: the group's name
 GROUP = "crowd_lod_group"
 
@@ -145,14 +150,35 @@ def _groups_as_they_lie(
     ground = scene_world.grounds_of(crowds_of(scene.crowd_lod))
     for child in top.children:
         if not is_stage(child.all_objects) and not ground.issuperset(child.all_objects[:] or [top]):
-            yield child, list(child.all_objects), tuple(child.instance_offset)
+            members = list(child.all_objects)
+            yield child, members, _origin_of(child, members)
     own = set(top.objects)
     for root in top.objects:
         if root.parent not in own:
             # LODs hang on the same armature
             members = [root, *(item for item in root.children_recursive if not item.get(OWNED))]
             if not is_stage(members) and root not in ground:
-                yield root, members, tuple(root.matrix_world.translation)
+                yield root, members, tuple(place_of(root, filter(is_shape, members)))
+
+
+def _origin_of(home: bpy.types.Collection, members: Sequence[bpy.types.Object]) -> tuple:
+    """Return where the character in a collection stands, at the height of its Instance Offset."""
+    place = place_of_members(members)
+    return tuple(home.instance_offset) if place is None else (*place.xy, home.instance_offset.z)
+
+
+def notes_on_places(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[Message]:
+    """Yield messages on collections whose Instance Offset is not where their character stands.
+
+    groups: as just measured.
+    """
+    height = {group.name: group.height for group in groups}
+    for owner, _, origin, _ in groups_in(scene, scene.crowd_lod.characters):
+        if isinstance(owner, bpy.types.Collection):
+            beside = math.dist(owner.instance_offset, origin)
+            if beside > BESIDE_OFFSET * height[owner.name]:
+                facts = {"beside": float(beside * scene_data.meters(scene))}
+                yield Message(MessageKind.BESIDE_OFFSET, owner.name, facts)
 
 
 def notes_on_left_out(scene: bpy.types.Scene) -> Iterator[Message]:

@@ -3,19 +3,17 @@
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import bpy
-import numpy as np
 
 from ....crowd_lod.errors import CrowdError
 from ....crowd_lod.format import counted
-from ...blender.character_objects import GEOMETRY, WITHOUT_FACES, may_have_faces
+from ...blender.character_objects import GEOMETRY, WITHOUT_FACES
 from ...blender.labeled_properties import EnumProperty
 from ...blender.operator import Reporting
-from ...blender.ownership import OWNED
 from ...settings.crowds import first_crowd
 from .action_choice import take_walks
+from .character_place import box_of, is_shape, main_root, parents_of, place_of, root_of
 from .characters import groups_in
 from .given_lods import CharacterGroup, label_of, with_given_lods
 
@@ -41,11 +39,13 @@ def characters_in(
     empties = {
         item for item in selected if item.type == "EMPTY" and item.instance_collection is None
     }
-    root = {item: _root(item, empties) for item in usable}
+    root = {item: root_of(item, empties) for item in usable}
     roots = {item if item.type in ("ARMATURE", "EMPTY") else root.get(item) for item in selected}
     # a selected empty brings what is below it
     roots |= {
-        root[item] for item in usable if empties.intersection(_parents(item) + _parents(root[item]))
+        root[item]
+        for item in usable
+        if empties.intersection(parents_of(item) + parents_of(root[item]))
     }
     members: dict[bpy.types.Object, list[bpy.types.Object]] = {}
     for item in usable:
@@ -105,8 +105,7 @@ def read_selection(
     }
     characters = characters_in(scene, selected)
     if how == "ONE" and characters:
-        size = {root: math.prod(_box(items).size) for root, items in characters.items()}
-        largest = max(characters, key=lambda root: (root.type == "ARMATURE", size[root]))
+        largest = main_root(characters)
         together = dict.fromkeys(item for items in characters.values() for item in items)
         characters = {largest: list(together)}
     elif how == "LISTED":
@@ -122,57 +121,12 @@ def _empties_above(
     """
     other_shapes = set(shapes).difference(items)
     above = dict.fromkeys(
-        parent for item in items for parent in _parents(item) if parent.type == "EMPTY"
+        parent for item in items for parent in parents_of(item) if parent.type == "EMPTY"
     )
     movable = (
         empty for empty in above if empty.instance_collection is None and not is_fixed(empty)
     )
     return [empty for empty in movable if other_shapes.isdisjoint(empty.children_recursive)]
-
-
-def is_shape(item: bpy.types.Object) -> bool:
-    return item.type in GEOMETRY and may_have_faces(item) and not item.get(OWNED)
-
-
-def _parents(item: bpy.types.Object) -> list[bpy.types.Object]:
-    """Return the parent of `item`, that one's parent, and so on."""
-    return [] if item.parent is None else [item.parent, *_parents(item.parent)]
-
-
-def _root(item: bpy.types.Object, empties: Iterable[bpy.types.Object]) -> bpy.types.Object:
-    """Return the root of the character that the shape `item` belongs to; see characters_in."""
-    above = [item, *_parents(item)]
-    rigs = (each if each.type == "ARMATURE" else each.find_armature() for each in above)
-    tops = [each for each in above if is_shape(each) or each in empties]
-    return next(filter(None, rigs), tops[-1])
-
-
-class _Box(NamedTuple):
-    """The box around objects, world meters."""
-
-    low: np.ndarray
-    high: np.ndarray
-
-    @property
-    def size(self) -> np.ndarray:
-        return self.high - self.low
-
-    def overlaps(self, other: "_Box") -> bool:
-        return bool((self.low <= other.high).all() and (other.low <= self.high).all())
-
-    def around(self, other: "_Box") -> "_Box":
-        return _Box(np.minimum(self.low, other.low), np.maximum(self.high, other.high))
-
-
-def _box(items: Iterable[bpy.types.Object]) -> _Box:
-    corners = [
-        np.array(item.bound_box) @ np.array(item.matrix_world)[:3, :3].T
-        + np.array(item.matrix_world.translation)
-        for item in items
-        if is_shape(item)
-    ]
-    points = np.concatenate(corners)
-    return _Box(points.min(axis=0), points.max(axis=0))
 
 
 def _with_loose_parts_joined(
@@ -188,7 +142,7 @@ def _with_loose_parts_joined(
         if not any(item.type == "ARMATURE" for item in items)
         and all(label_of(item.name).number is None for item in items)
     }
-    boxes = {root: _box(items) for root, items in loose.items()}
+    boxes = {root: box_of(items) for root, items in loose.items()}
     joined = dict(characters)
     clusters: list[bpy.types.Object] = []
     for root in sorted(loose, key=lambda root: -math.prod(boxes[root].size)):
@@ -215,15 +169,17 @@ MOST_NAMES = 6  # in a message
 MOST_LINES = 20  # in the list of what is read
 
 
-def _home(top: bpy.types.Collection, root: bpy.types.Object) -> bpy.types.Collection:
-    """Return the collection in `top` of the group that the `root` is in, or a new one at its
-    feet.
+def _home(
+    top: bpy.types.Collection, root: bpy.types.Object, items: Sequence[bpy.types.Object]
+) -> bpy.types.Collection:
+    """Return the collection in `top` of the group that the `root` of `items` is in, or a new one at
+    its feet.
     """
     for child in top.children:
         if root in child.all_objects[:]:
             return child
     home = bpy.data.collections.new(root.name)
-    home.instance_offset = root.matrix_world.translation
+    home.instance_offset = place_of(root, filter(is_shape, items))
     if "stride" in root:
         home["stride"] = root["stride"]
     top.children.link(home)
@@ -382,7 +338,7 @@ class CROWDLOD_OT_characters_from_selection(Reporting, bpy.types.Operator):
             scene.collection.children.link(top)
         first_crowd(scene.crowd_lod)
         for root, items in moved.items():
-            home = _home(top, root)
+            home = _home(top, root, items)
             for item in items:
                 _move(item, home, scene)
         brought = [_bring(scene, top, *pair) for pair in reading.instanced.items()]

@@ -32,9 +32,9 @@ from .character_extent import (
 from .characters import Character, all_characters
 from .rig_needs import check_worn
 from .stored_groups import OF_EACH_LEVEL, groups_of
+from .strides import stride_of
 
-# of a character's size: feet that walk less in a cycle stand, and the action plays by time
-STANDS = 0.01
+STANDS = 0.01  # of a character's size: feet that walk less in a cycle stand
 KEPT = (*OF_EACH_LEVEL, "diagonal", "shaded", "share", "scale")  # of groups that are measured again
 
 
@@ -128,17 +128,21 @@ def _measuring_group(
                 f"that of {base.name} {number(base.period)} s. Let the rig alone move it."
             )
         return replace(
-            group, stride=base.stride, actions=base.actions, variant_of=character.variant_of
+            group,
+            stride=base.stride,
+            plays=base.plays,
+            actions=base.actions,
+            variant_of=character.variant_of,
         )
-    meters = scene_data.meters(scene)
-    stride = _custom(scene.crowd_lod.characters, name, "stride") / meters
-    group = replace(group, stride=stride or first.root.way, way=first.root.way)
+    given = _custom(scene.crowd_lod.characters, name, "stride")
+    own = _action(scene, group, first, given, 0.0)
+    group = replace(group, stride=own.stride, way=own.way, plays=own.plays)
     feet = yield from work.take(run_in_thread(lambda: [walked(act) for act in acts[1:]]))
-    return replace(group, actions=_actions(group, performance, feet, fps, meters))
+    return replace(group, actions=_actions(scene, group, performance, feet))
 
 
 def _actions(
-    group: Group, performance: Performance, feet: Sequence[float], fps: float, meters: float
+    scene: bpy.types.Scene, group: Group, performance: Performance, feet: Sequence[float]
 ) -> tuple[Action, ...]:
     """Return what the group plays besides its own action, which is the performance's first part.
 
@@ -146,7 +150,7 @@ def _actions(
     """
     other_parts = performance.parts[1:]
     actions = {
-        part.name: _action(part, way, fps, 2 * group.radius, meters)
+        part.name: _action(scene, group, part, part.stride, way)
         for part, way in zip(other_parts, feet, strict=True)
     }
     for part in other_parts:
@@ -177,18 +181,20 @@ def _acted(
     return acts
 
 
-def _action(part: PlayedAction, feet: float, fps: float, size: float, meters: float) -> Action:
+def _action(
+    scene: bpy.types.Scene, group: Group, part: PlayedAction, given: float, feet: float
+) -> Action:
     """Return the Action that a group plays as `part`.
 
-    feet: what the feet walk in a cycle of it; size: of the group; both in units of `meters`.
+    given: meters, its custom property `stride`; 0 without.
+    feet: what the feet walk in a cycle of it, in units of the scene.
     """
-    stride = (
-        part.stride / meters
-        if part.action is not None and part.action.get("stride")
-        else part.stride
-    )
-    stride, feet = (length if length > STANDS * size else 0.0 for length in (stride or feet, feet))
-    return Action(part.name, stride, (part.last - part.first) / fps, feet, part.root.way)
+    size = 2 * group.radius
+    feet = feet if feet > STANDS * size else 0.0
+    stride, plays = stride_of(scene, group.name, part, given / scene_data.meters(scene), feet, size)
+    period = (part.last - part.first) / scene_data.frame_rate(scene)
+    way = float(np.hypot(*part.root.way))
+    return Action(part.name, stride, period, feet, way, plays)
 
 
 def stands(settings, name: str) -> bool:

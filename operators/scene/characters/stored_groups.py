@@ -6,6 +6,7 @@ import bpy
 import numpy as np
 
 from ....crowd_lod.crowd.agents import Action, Group
+from ....crowd_lod.crowd.strides import Plays
 from ....crowd_lod.errors import CrowdError
 from ....crowd_lod.levels.assignment import MOST_LEVELS
 
@@ -13,8 +14,9 @@ from ....crowd_lod.levels.assignment import MOST_LEVELS
 # and before `lowest`, without which it moves nothing.
 MEASURED = (
     *("name", "center", "radius", "girth", "stride", "period", "diagonal", "on_ground", "lowest"),
-    *("share", "scale", "variant_of", "chance", "slot"),
+    *("share", "scale", "variant_of", "chance", "slot", "way", "plays"),
 )
+OF_ACTIONS = "name", "stride", "period", "way", "plays"
 OF_EACH_LEVEL = "vertices", "triangles", "deviations", "bounds", "rms", "worst"
 # What users set: groups of the same name keep it.
 SET_BY_HAND = "use_custom_thresholds", "thresholds", "finest", "share", "scale"
@@ -63,8 +65,11 @@ def _group(entry, lead, count: int) -> Group:
         slot=entry.slot,
         excludes=tuple(entry.excludes.split(", ")) if entry.excludes else (),
         actions=tuple(
-            Action(action.name, action.stride, action.period) for action in entry.actions
+            Action(**{name: getattr(action, name) for name in OF_ACTIONS})
+            for action in entry.actions
         ),
+        way=entry.way,
+        plays=Plays(entry.plays),
     )
     sizes = (
         group.share,
@@ -124,9 +129,8 @@ def store_groups(settings, groups: tuple[Group, ...]) -> None:
         entry.actions.clear()
         for action in group.actions:
             stored = entry.actions.add()
-            stored.name = action.name
-            stored.stride = action.stride
-            stored.period = action.period
+            for name in OF_ACTIONS:
+                setattr(stored, name, getattr(action, name))
         entry.shaded = (*group.shaded, *[-1] * (MOST_LEVELS - len(group.shaded)))
         for name, value in zip(SET_BY_HAND, by_hand.get(group.name, ()), strict=False):
             setattr(entry, name, value)

@@ -1,5 +1,7 @@
 """The state machine and the world it walks in: its editor, its maps, walls and areas, the ground.
 
-In: `scene.crowd_lod`, images and meshes. Out: StateMachine, LabelMap, HeightMap, Terrain; and the
-    scene's text, edited.
+A crowd that follows a file has its tracks here.
+
+In: `scene.crowd_lod`, images, meshes and files of tracks. Out: StateMachine, LabelMap, HeightMap,
+    Terrain, Tracks; and the scene's text, edited.
 """

@@ -7,13 +7,16 @@ import bpy
 
 from ....crowd_lod.errors import CrowdError
 from ...blender import provenance
+from ...blender.provenance import text_digest
 from ...settings.crowds import crowds_of
 from ..characters.character_provenance import MOTION, motions
 from ..characters.characters import all_characters
+from ..characters.strides import speed_inputs
 from ..machine.scene_world import terrain_digest
 from .spawn_source import places_digest
 
 GROUPS = "the character groups"
+SPEEDS = "the agents' speeds"
 
 
 def crowd_parts(scene: bpy.types.Scene) -> dict[str, str]:
@@ -27,7 +30,8 @@ def measured_parts(scene: bpy.types.Scene) -> dict[str, str]:
     Their shapes are left out: Make LOD Meshes measures them again.
     """
     with suppress(CrowdError):  # Populate tells
-        return {GROUPS: _list_groups(all_characters(scene))} | motions(scene)
+        groups = {GROUPS: _list_groups(all_characters(scene))}
+        return groups | motions(scene) | {SPEEDS: text_digest(speed_inputs(scene))}
     return {}
 
 
@@ -46,7 +50,7 @@ def note_measured(scene: bpy.types.Scene, parts: Mapping[str, str]) -> None:
     ground = {
         name: digest
         for name, digest in provenance.read_inputs(scene).items()
-        if not name.startswith(MOTION)
+        if not name.startswith(MOTION) and name != SPEEDS
     }
     provenance.keep(scene, ground | dict(parts))
 

@@ -25,9 +25,9 @@ from ....crowd_lod.world.maps import LabelMap
 from ....crowd_lod.world.terrain import Ground, Terrain
 from ...blender import image_data, scene_cache, scene_data, stored_values
 from ...settings.crowds import crowds_of
-from ..machine import scene_world
+from ..machine import scene_world, tracks_source
 from ..machine.scene_world import area_of, heights_of, machine_of, names_in, world_of
-from . import crowd_overrides, spawn_source, tracks_source
+from . import crowd_overrides, spawn_source
 from .points_source import points_of_crowd
 
 # Trajectories by the digest of all they depend on.
