@@ -93,7 +93,7 @@ def _texts_as_values(
         words = np.array(list(numbers), np.str_)[used]
         order = np.argsort(words)
         try:
-            meaning = words.astype(np.float64)
+            meaning: np.ndarray = words.astype(np.float64)
         except ValueError:
             meaning = words if name == "group" else np.argsort(order)
             if name == "id":
