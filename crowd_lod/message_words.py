@@ -240,15 +240,21 @@ def chosen_by(name: bool) -> str:
 
 def _glides(several: Sequence[Message], button: str) -> str:
     verb, pronoun = ("has", "it") if len(several) == 1 else ("have", "them")
-    fits = sorted({fit for fit in _facts(several, "fit") if fit})
-    way = (
-        f"press {button}, which gives {pronoun} {listed(fits)}"
-        if fits
-        else f"import the file of the pack that holds its motion, then press {button}"
+    walks = sorted({walk for walk in _facts(several, "walk") if walk})
+    others, refused = (
+        list(dict.fromkeys(name for names in _facts(several, fact) for name in names))
+        for fact in ("others", "refused")
     )
+    if walks:
+        way = f"press {button}, which gives {pronoun} {listed(walks)}"
+    elif others:
+        way = f"choose the action ({listed(others)}) in Character Groups"
+    else:
+        way = f"import the file of the pack that holds its motion, then press {button}"
+    other_skeleton = f" Made for another skeleton: {listed(refused)}." if refused else ""
     return (
         f"{_subjects(several)} {verb} a rig that plays no action, and would glide in its bind "
-        f"pose: {way}."
+        f"pose: {way}. Or press Stand Still.{other_skeleton}"
     )
 
 

@@ -28,6 +28,7 @@ from .scene.machine import machine_buttons, machine_settings, map_areas, map_pai
 from .scene.sources import record_points, simulate
 from .settings import crowd_settings, presets, properties, setting_changes, shot_settings
 from .ui import (
+    action_menu,
     agent_overrides,
     area_list,
     crowd_list,
@@ -78,6 +79,7 @@ MODULES = (
     popovers,
     manual,
     menus,
+    action_menu,
     panels,
     machine_panels,
     crowd_list,

@@ -10,6 +10,8 @@ import numpy as np
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.crowd.paces import mixed_in
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.message_words import listed
+from .action_fit import fit_of
 from .animation import action_range, armatures_of, players_of, span_of
 from .character_objects import group_of
 from .performance import Performance, PlayedAction, slot_curves
@@ -69,6 +71,12 @@ def action_names(group: str, name: str) -> list[str]:
     return [*(each for owner in owners for each in (f"{owner} {name}", f"{name} {owner}")), name]
 
 
+def find_action(group: str, name: str) -> bpy.types.Action | None:
+    """Return the action in the file that the group plays as `name`."""
+    found = (bpy.data.actions.get(each) for each in action_names(group, name))
+    return next(filter(None, found), None)
+
+
 def _mixed(group: str, name: str, mixed: tuple[PlayedAction, PlayedAction, float]) -> PlayedAction:
     """Return the step `name` of a cross-fade; it lasts as long as the longer of its actions.
 
@@ -108,10 +116,7 @@ def _own_action(group: str, objects: list[bpy.types.Object]) -> PlayedAction:
 
 
 def _find_action(group: str, objects: list[bpy.types.Object], name: str) -> PlayedAction:
-    action = next(
-        (bpy.data.actions[each] for each in action_names(group, name) if each in bpy.data.actions),
-        None,
-    )
+    action = find_action(group, name)
     if action is None:
         raise CrowdError(
             f"The state machine names the action {name}, and the file has none for the character "
@@ -124,6 +129,7 @@ def _find_action(group: str, objects: list[bpy.types.Object], name: str) -> Play
             f"character group {group}. Name its own action {action_names(group, name)[0]}."
         )
     player, handle = player_and_slot
+    _check_skeleton(group, player, action)
     first, last = span_of(action, slot_curves(action, handle))
     if first == last:
         raise CrowdError(
@@ -132,6 +138,23 @@ def _find_action(group: str, objects: list[bpy.types.Object], name: str) -> Play
         )
     root = of_action(player, objects, action, handle, (first, last))
     return PlayedAction(name, first, last, action, handle, player, root, _stride(action))
+
+
+def _check_skeleton(group: str, player: bpy.types.Object, action: bpy.types.Action) -> None:
+    """Raise CrowdError if the action was made for a skeleton that rests otherwise."""
+    fit = fit_of(player, action) if player.type == "ARMATURE" else None
+    if fit is None or not (fit.turned or fit.misfits):
+        return
+    own = f"{action.name} {player.name}"
+    remedy = (
+        "retarget it to this rig"
+        if fit.misfits
+        else f"choose it in Character Groups once, which turns its keys over for {own}"
+    )
+    raise CrowdError(
+        f"The action {action.name} was made for {fit.source.name}, and bones of {group} rest "
+        f"otherwise ({listed(fit.misfits or fit.turned)}): {remedy}."
+    )
 
 
 def _player(

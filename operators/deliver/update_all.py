@@ -32,6 +32,7 @@ from ..lods.costs import lod_seconds
 from ..lods.make_lods import make_levels
 from ..plan.shot_plan import plan_of_settings, plan_seconds
 from ..scene.characters.character_provenance import reading_afresh
+from ..scene.characters.motionless import check_answered
 from ..scene.plan_verdict import verdict_in_words
 from ..scene.populate import populate_scene
 from ..scene.scene_crowd import read_crowd
@@ -144,6 +145,7 @@ def update_all(
     steps = update_steps(scene, bakes)
     sentences: dict[str, str] = {}
     for k, step in enumerate(steps):
+        _check_answered(scene, step, sentences)
         work.announce(sum(later.seconds(scene) for later in steps[k:]))
         if (yield from work.take(_reason(scene, step, bakes))):
             if sentences:
@@ -155,6 +157,15 @@ def update_all(
             yield from work.take(reading_afresh(scene))
     look_again(scene)
     return sentences
+
+
+def _check_answered(scene: bpy.types.Scene, step: UpdateStep, done: dict[str, str]) -> None:
+    """Raise CrowdError before LOD meshes are made of characters that nobody gave an action."""
+    if step.artifact is LODS:
+        try:
+            check_answered(scene)
+        except CrowdError as question:
+            raise CrowdError(_failed(step.label, done, question)) from question
 
 
 def _failed(label: str, done: dict[str, str], fault: Exception) -> str:

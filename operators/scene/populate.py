@@ -25,8 +25,8 @@ from .characters.characters import (
     notes_on_unsaved,
 )
 from .characters.group_measuring import measuring_groups
+from .characters.motionless import notes_on_motion
 from .characters.stored_groups import store_groups
-from .characters.take_action import notes_on_gliding
 from .machine import kept_meshes, map_areas
 from .machine.scene_world import check_maps
 from .plausible import notes_on_extent, notes_on_feet, notes_on_plausibility
@@ -101,7 +101,7 @@ def _warnings(
     yield from notes_on_left_out(scene)
     yield from notes_on_unsaved(characters)
     yield from notes_on_actions(scene, groups)
-    yield from notes_on_gliding(scene)
+    yield from notes_on_motion(scene)
     yield from notes_on_glow(scene)
     yield from notes_on_images(characters)
 

@@ -30,6 +30,7 @@ WORK = (
     "mark_as_prop",
     "give_lod",
     "take_action",
+    "stand_still",
     "simulate",
     "make_levels",
     "inspect",

@@ -20,6 +20,7 @@ from ..settings.crowds import active_crowd
 from ..settings.level_settings import CrowdLodGroup
 from ..viewport import viewport_overlay
 from . import steps
+from .action_menu import draw_action
 from .agent_overrides import draw_agent_overrides
 from .crowd_list import (
     MOVERS,
@@ -161,6 +162,8 @@ class CROWDLOD_PT_groups(StepPanel, bpy.types.Panel):
         kinds = CrowdLodGroup.bl_rna.properties["plays"].enum_items
         for group in [group for group in groups if group.way and not group.stride][:MOST_ROWS]:
             label(layout, f"{group.name}: {kinds[group.plays].description}", "INFO")
+        for group in groups[:MOST_ROWS]:
+            draw_action(layout, context.scene, group)
         for group in groups[:MOST_ROWS] if len(groups) > 1 else ():
             layout.prop(group, "share", text=f"{group.name} Share", translate=False)
         crowd = active_crowd(settings)

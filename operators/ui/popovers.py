@@ -19,6 +19,7 @@ from .drawing import LOD_COLORS, MOST_ROWS, button, distance, label, paragraph, 
 
 LETTERS = 62  # in a line of a popover
 REMEDY_ICONS = {"crowd_lod.take_action": "ACTION", "crowd_lod.walls_from_selection": "MOD_BUILD"}
+BESIDE = {"crowd_lod.take_action": ("crowd_lod.stand_still",)}  # other remedies of the same thing
 
 
 class _Popover:
@@ -140,7 +141,9 @@ class CROWDLOD_PT_messages(_Popover, bpy.types.Panel):
         for line in steps.messages(context.scene):
             paragraph(self.layout, line.sentence, line.icon, LETTERS)
             if line.remedy:
-                button(self.layout, line.remedy, icon=REMEDY_ICONS.get(line.remedy, "NONE"))
+                row = self.layout.row(align=True)
+                for remedy in (line.remedy, *BESIDE.get(line.remedy, ())):
+                    button(row, remedy, icon=REMEDY_ICONS.get(remedy, "NONE"))
 
 
 class CROWDLOD_PT_error_curve(_Popover, bpy.types.Panel):

@@ -1,19 +1,25 @@
 """The order of the work: which button comes next, and what there is to say about it."""
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import bpy
 
-from ...crowd_lod.messages import from_json
+from ...crowd_lod.messages import Message, MessageKind, from_json
 from ...crowd_lod.simplification.decimate import missing_library
 from ..blender.callbacks import troubles_of
 from ..blender.sidebar_answers import keep_at_work
 from ..build.appended_builds import standing_still
 from ..freshness.artifacts import artifacts_of, current_proof, news_of, reasons
+from ..scene.characters.motionless import questions
 from ..scene.shot_reference import notes_on_file
 from ..settings import needs
 from ..settings.messages import in_words, label_of
 from ..viewport import viewport_overlay
+
+# what is looked at whenever it is drawn, and not as Populate found it
+LIVE = MessageKind.NO_WALK, MessageKind.GLIDES
+STOPPING = (MessageKind.GLIDES,)  # without an answer Update All makes no LOD meshes
 
 
 def next_operator(scene: bpy.types.Scene) -> str:
@@ -31,6 +37,10 @@ class Told(NamedTuple):
     remedy: str = ""
 
 
+def _warnings(found: Iterable[Message]) -> list[Told]:
+    return [Told(line.sentence, "ERROR", line.remedy) for line in in_words(found)]
+
+
 @keep_at_work
 def messages(scene: bpy.types.Scene) -> list[Told]:
     """Return all that the user should know, the most urgent first."""
@@ -45,6 +55,9 @@ def messages(scene: bpy.types.Scene) -> list[Told]:
     if settings.characters is not None:
         errors.append(needs.camera(scene))
     lines = [Told(sentence, "ERROR") for sentence in dict.fromkeys(errors) if sentence]
+    found = from_json(settings.trouble) if settings.characters is not None else ()
+    asked = questions(scene) if settings.characters is not None else ()
+    lines += _warnings(message for message in asked if message.kind in STOPPING)
     if operator := next_operator(scene):
         lines.append(Told(f"Next: {label_of(operator)}", "FORWARD"))
     for artifact in artifacts_of(scene):
@@ -53,9 +66,8 @@ def messages(scene: bpy.types.Scene) -> list[Told]:
     if proof := current_proof(scene):
         lines.append(Told(proof.sentence, "CHECKMARK" if proof.ok else "ERROR"))
     # warnings of Populate do not stop the work: the next step is named before them
-    if settings.characters is not None:
-        warnings = in_words(from_json(settings.trouble))
-        lines += [Told(line.sentence, "ERROR", line.remedy) for line in warnings]
+    lines += _warnings(message for message in asked if message.kind not in STOPPING)
+    lines += _warnings(message for message in found if message.kind not in LIVE)
     if note := notes_on_file(settings):
         lines.append(Told(note, "INFO"))
     said = {line.sentence for line in lines}

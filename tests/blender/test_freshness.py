@@ -52,8 +52,9 @@ def shot(small_shot):
 
 
 def rest(scene):
-    """Take the rig's action away: a T-pose."""
+    """Take the rig's action away: a T-pose, which is meant."""
     bpy.data.objects["walker"].animation_data_clear()
+    bpy.data.objects["walker"]["stands_still"] = True
 
 
 def subdivide(scene):

@@ -2,6 +2,8 @@
 theirs.
 """
 
+from contextlib import contextmanager
+
 import bpy
 import numpy as np
 import pytest
@@ -24,6 +26,15 @@ def bent(name):
     bpy.context.scene.collection.objects.link(armature)
     armature.animation_data.action.name = f"{name} walk"
     return armature, armature.animation_data.action
+
+
+@contextmanager
+def edited(armature):
+    """The rig's bones in Edit Mode."""
+    bpy.context.view_layer.objects.active = armature
+    bpy.ops.object.mode_set(mode="EDIT")
+    yield armature.data.edit_bones
+    bpy.ops.object.mode_set(mode="OBJECT")
 
 
 @pytest.fixture
@@ -120,21 +131,20 @@ def test_what_places_the_other_rig_does_not_move_this_one(skinned):
     assert tuple(skinned.evaluated_get(bpy.context.evaluated_depsgraph_get()).scale) == (1, 1, 1)
 
 
-@pytest.mark.parametrize("change", ["names", "rest", "nothing there"])
+@pytest.mark.parametrize("change", ["names", "parents", "nothing there"])
 def test_what_does_not_fit_is_refused_in_a_sentence(skinned, change):
     if change == "names":
         motion, _ = bent("motion")
         motion.data.bones["lower"].name = "wheel"
         motion.data.bones["upper"].name = "axle"
-    elif change == "rest":
+    elif change == "parents":
         motion, _ = bent("motion")
-        bpy.context.view_layer.objects.active = motion
-        bpy.ops.object.mode_set(mode="EDIT")
-        motion.data.edit_bones["upper"].roll += 0.5
-        bpy.ops.object.mode_set(mode="OBJECT")
+        with edited(motion) as bones:
+            bones["upper"].parent = None
+            bones["upper"].roll += 0.5
     wanted = (
-        "rest turned otherwise"
-        if change == "rest"
+        "motion walk was made for motion, whose upper are not those of someone: retarget it"
+        if change == "parents"
         else "No action of the file moves the bones of someone"
     )
     with pytest.raises(RuntimeError, match=wanted):
@@ -150,6 +160,10 @@ def test_who_stands_in_a_stadium_does_not_glide(skinned):
         '1, "on": {"*": {}}}}}'
     )
     settings.machine = text
+    skinned.pose.bones["upper"].rotation_euler = (0, 0, 0)
+    bpy.ops.crowd_lod.populate()
+    assert "press Stand Still" in told(bpy.context.scene)
+    skinned.pose.bones["upper"].rotation_euler = (1, 0, 0)  # seated by hand
     bpy.ops.crowd_lod.populate()
     assert "glide" not in told(bpy.context.scene)
 
@@ -227,8 +241,8 @@ def test_without_a_name_the_action_is_taken_that_moves_forward_at_a_persons_spee
         bpy.data.actions.remove(bpy.data.actions[name])
     (sentence,) = take_walks(bpy.context.scene, [armature, item])
     assert sentence == (
-        "skin plays nod, and no action of its file is called a walk: choose the one to walk by in "
-        "the Action Editor."
+        "skin plays nod, and no action of its file is called a walk: press Populate, and choose the "
+        "one to walk by in Character Groups."
     )
 
 

@@ -14,8 +14,9 @@ from crowd_lod_extension.operators.deliver.update_all import (
     update_all,
     update_sentence,
 )
+from crowd_lod_extension.operators.ui import steps
 
-from ..support.characters import character, new, tube
+from ..support.characters import character, new, rig, skin, tube
 
 MAKE = "Make LOD Meshes"
 PLAN = "Plan Shot"
@@ -146,3 +147,43 @@ def test_the_command_updates_a_file_and_leaves_one_that_is_up_to_date(shot, tmp_
     assert path.read_bytes() == saved
     assert commands.run_command(["update", "plaza", "--quiet"], "crowd-lod") == 1
     assert "write it with the command sample" in capfd.readouterr().err
+
+
+@pytest.fixture
+def newcomer(shot):
+    """Beside the tubes a character with a rig that plays nothing, added after Populate."""
+    finished(update_all(shot))
+    armature = rig("Newcomer")
+    armature.animation_data_clear()
+    shot.collection.objects.link(armature)
+    item = new("Newcomer body", tube("Newcomer body", 16, 12))
+    skin(item, armature)
+    character(item, name="Newcomer")
+    return shot
+
+
+def test_update_all_asks_before_it_makes_lods_of_a_character_without_an_action(newcomer):
+    look_again(newcomer)
+    assert "the character groups" in due_steps(newcomer)["Populate"]
+    with pytest.raises(RuntimeError, match="Newcomer would stay in the bind pose: which action"):
+        bpy.ops.crowd_lod.update_all()
+    assert [group.name for group in newcomer.crowd_lod.groups] == ["Newcomer", "someone"]
+    assert MAKE in due_steps(newcomer)
+    first, *_ = steps.messages(newcomer)
+    assert "Newcomer has a rig that plays no action" in first.sentence
+    assert first.remedy == "crowd_lod.take_action"
+    assert bpy.ops.crowd_lod.stand_still() == {"FINISHED"}
+    assert not any("plays no action" in line.sentence for line in steps.messages(newcomer))
+    assert bpy.data.collections["Newcomer"]["stands_still"]
+    done, _ = update(newcomer)
+    assert MAKE in done
+
+
+def test_an_action_is_an_answer_too_and_scripts_can_give_either(newcomer):
+    bpy.data.collections["Newcomer"]["stands_still"] = True
+    assert MAKE in update(newcomer)[0]
+    del bpy.data.collections["Newcomer"]["stands_still"]
+    with pytest.raises(CrowdError, match="would stay in the bind pose"):
+        finished(update_all(newcomer))
+    bpy.ops.crowd_lod.take_action(group="Newcomer", action="NewcomerAction")
+    assert update(newcomer)[0][:2] == ["Populate", MAKE]

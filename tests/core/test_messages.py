@@ -13,12 +13,13 @@ def height(name, meters):
 
 def test_two_characters_with_the_same_trouble_are_one_line():
     remedy = "crowd_lod.take_action"
-    glide = [Message(MessageKind.GLIDES, name, {"fit": "walk"}, remedy) for name in NAMES[:2]]
+    facts = {"walk": "walk", "others": ["walk"], "refused": []}
+    glide = [Message(MessageKind.GLIDES, name, facts, remedy) for name in NAMES[:2]]
     lines = lines_of([glide[0], height("King", 78.0), glide[1]], {remedy: "Walk Now"}.get)
     assert lines == [
         Line(
             "Witch, King have a rig that plays no action, and would glide in its bind pose: press "
-            "Walk Now, which gives them walk.",
+            "Walk Now, which gives them walk. Or press Stand Still.",
             remedy,
         ),
         Line(

@@ -1,54 +1,30 @@
-"""Which actions of the file can move a rig, and which of them a character plays."""
+"""Which actions of the file fit a character, and which of them it plays."""
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import bpy
 import numpy as np
-from mathutils import Quaternion
 
 from ....crowd_lod.errors import CrowdError
-from ....crowd_lod.message_words import chosen_by
+from ....crowd_lod.message_words import chosen_by, listed
 from ...blender import scene_data
-from ...blender.animation import DELTAS, PLACE, armatures_of, curves_of, players_of, span_of
-from ...blender.performance import BONE
+from ...blender.action_fit import Fit, bags_of, bone_of, fit_of, modes_of, needs_turning
+from ...blender.animation import DELTAS, PLACE, armatures_of, span_of
 from ...blender.root_motion import of_action
+from ...blender.turned_keys import turn_over
 
-PREFIX = re.compile(r"^\w+[:|]")  # of a bone's name, as in "mixamorig:Hips"
-LEAST = 0.5  # of an action's bones: so many must be the rig's
 NEARLY = 0.8  # of the bones that the best action moves: one that moves as many is as good
-TURNED = np.radians(10)  # by which a bone may rest otherwise
 WALKS = re.compile("walk", re.IGNORECASE)
 # of an object: its place and turn, as an importer keys them once
 FIXED = *PLACE, *DELTAS
-
-
-@dataclass(frozen=True)
-class Fit:
-    """An action that can move a rig.
-
-    handle: of the slot; bones: the action's names of bones and the rig's.
-    """
-
-    action: bpy.types.Action
-    handle: int
-    bones: dict[str, str]
-
-    @property
-    def action_slot_handle(self) -> int:
-        return self.handle
-
-    @property
-    def curves(self) -> list[bpy.types.FCurve]:
-        return curves_of(self)
 
 
 def walk_of(rig: bpy.types.Object) -> Fit | None:
     """Return the walk, by its name, among the rig's own actions, if it plays another; else None."""
     walks = [action for action in other_actions(rig) if WALKS.search(action.name)]
     walks.sort(key=lambda action: (len(action.name), action.name.casefold()))
-    return next((fit for action in walks if (fit := fit_of(rig, action, [])) is not None), None)
+    return next((fit for action in walks if (fit := playable(rig, action)) is not None), None)
 
 
 def other_actions(rig: bpy.types.Object) -> list[bpy.types.Action]:
@@ -67,106 +43,47 @@ def other_actions(rig: bpy.types.Object) -> list[bpy.types.Action]:
     return sorted(own_actions - {data.action}, key=lambda action: action.name.casefold())
 
 
-def best(rig: bpy.types.Object, turned: list[str]) -> Fit | None:
-    """Return the action of the file that fits the `rig` best, walks first; None if there is none.
+def playable(rig: bpy.types.Object, action: bpy.types.Action) -> Fit | None:
+    """Return how the rig can play the action; None if it cannot."""
+    fit = fit_of(rig, action)
+    return None if fit is None or fit.misfits else fit
 
-    turned: see fit_of.
-    """
-    fits = [fit for action in bpy.data.actions if (fit := fit_of(rig, action, turned)) is not None]
+
+def fits_of(rig: bpy.types.Object) -> list[Fit]:
+    """Return the actions of the file that move the rig's bones, walks first, then by name."""
+    fits = [fit for action in bpy.data.actions if (fit := fit_of(rig, action)) is not None]
     most = max((len(fit.bones) for fit in fits), default=0)
     good = [fit for fit in fits if len(fit.bones) >= NEARLY * most]
-    return min(
-        good,
-        key=lambda fit: (not WALKS.search(fit.action.name), fit.action.name.casefold()),
-        default=None,
+    return sorted(
+        good, key=lambda fit: (not is_called_a_walk(fit.action), fit.action.name.casefold())
     )
 
 
-def fit_of(rig: bpy.types.Object, action: bpy.types.Action, turned: list[str]) -> Fit | None:
-    """Return how the `action` fits the `rig`, None if it does not.
-
-    turned: gets its name if only the rest of the bones is other.
-    """
-    own_bones = set(rig.data.bones.keys())
-    by_plain = {PREFIX.sub("", name): name for name in own_bones}
-    fits = []
-    for slot in action.slots:
-        curves = (
-            curves_of(Fit(action, slot.handle, {}))
-            if slot.target_id_type in ("OBJECT", "UNSPECIFIED")
-            else []
-        )
-        names = {name for curve in curves if (name := _bone_of(curve))}
-        bones = {
-            name: name if name in own_bones else by_plain.get(PREFIX.sub("", name), "")
-            for name in names
-        }
-        bones = {name: bone for name, bone in bones.items() if bone}
-        first, last = span_of(action, curves)
-        if bones and last > first and len(bones) >= LEAST * len(names):
-            fits.append(Fit(action, slot.handle, bones))
-    fit = max(fits, key=lambda each: len(each.bones), default=None)
-    if fit is not None and any(
-        _turned(rig, source, fit.bones) > TURNED for source in _sources(rig, action)
-    ):
-        turned.append(action.name)
-        return None
-    return fit
-
-
-def _bone_of(curve: bpy.types.FCurve) -> str:
-    """Return the bone that the curve moves, "" for none."""
-    found = BONE.match(curve.data_path)
-    return bpy.utils.unescape_identifier(found[1].split('"]')[0]) if found else ""
-
-
-def _sources(rig: bpy.types.Object, action: bpy.types.Action) -> Iterator[bpy.types.Object]:
-    """Yield the other rigs that play the action."""
-    for item in bpy.data.objects:
-        if (
-            item.type == "ARMATURE"
-            and item != rig
-            and any(player.action == action for player in players_of([item]))
-        ):
-            yield item
-
-
-def _turned(rig: bpy.types.Object, source: bpy.types.Object, bones: dict[str, str]) -> float:
-    """Return by how many radians one of the bones rests otherwise in `rig` than in `source`, at
-    most.
-    """
-    pairs = [
-        (source.data.bones[name], rig.data.bones[bone])
-        for name, bone in bones.items()
-        if name in source.data.bones
-    ]
-    turns = [_rest(one).rotation_difference(_rest(other)).angle for one, other in pairs]
-    return max((min(turn, 2 * np.pi - turn) for turn in turns), default=0.0)
-
-
-def _rest(bone: bpy.types.Bone) -> Quaternion:
-    """Return how the bone is turned from its parent at rest, a quaternion."""
-    above = bone.parent.matrix_local.to_3x3().inverted() if bone.parent else None
-    rest = bone.matrix_local.to_3x3()
-    return (above @ rest if above else rest).to_quaternion()
+def best_walk(rig: bpy.types.Object) -> Fit | None:
+    """Return the walk of the file, by its name, that the rig can play; None without."""
+    walks = [fit for fit in fits_of(rig) if is_called_a_walk(fit.action) and not fit.misfits]
+    return min(walks, key=lambda fit: len(fit.turned), default=None)
 
 
 def take(rig: bpy.types.Object, fit: Fit) -> bpy.types.Action:
     """Let the `rig` play the action of `fit`; return it, or the copy of it that fits.
 
-    A copy is made where its bones have other names, or where it would put the rig elsewhere.
+    A copy is made where its bones have other names or rest or turn otherwise, or where it would put
+    the rig elsewhere.
     """
     action = fit.action
-    renamed = {name: bone for name, bone in fit.bones.items() if name != bone}
     placing = [curve for curve in fit.curves if curve.data_path in FIXED]
-    if renamed or any(_shifts(rig, curve) for curve in placing):
+    renamed = any(name != bone for name, bone in fit.bones.items())
+    if renamed or needs_turning(fit, rig) or any(_shifts(rig, curve) for curve in placing):
         action = fit.action.copy()
         action.name = f"{fit.action.name} {rig.name}"
         action.use_fake_user = True
-        _adapt(action, fit, renamed)
+        _adapt(action, fit, rig)
     data = rig.animation_data_create()
     data.action = action
     data.action_slot = next(slot for slot in action.slots if slot.handle == fit.handle)
+    if action != fit.action:
+        data.action_slot.name_display = rig.name  # for whom it is made
     return action
 
 
@@ -175,15 +92,26 @@ def _shifts(rig: bpy.types.Object, curve: bpy.types.FCurve) -> bool:
     return abs(curve.evaluate(curve.range()[0]) - value) > 1e-3
 
 
-def _adapt(action: bpy.types.Action, fit: Fit, renamed: dict[str, str]) -> None:
-    """Give the curves of a copied action the rig's names of bones; mute what places the object."""
-    for curve in curves_of(Fit(action, fit.handle, {})):
-        name = _bone_of(curve)
-        if curve.data_path in FIXED:
-            curve.mute = True
-        elif name in renamed:
-            before, after = (bpy.utils.escape_identifier(each) for each in (name, renamed[name]))
-            curve.data_path = curve.data_path.replace(f'["{before}"]', f'["{after}"]', 1)
+def _adapt(action: bpy.types.Action, fit: Fit, rig: bpy.types.Object) -> None:
+    """Give the curves of a copied action the rig's names of bones, and turn their keys over.
+
+    What places the object is muted.
+    """
+    for bag in bags_of(fit, action):
+        for curve in bag.fcurves:
+            _rename(curve, fit)
+        if fit.source != rig:
+            turn_over(bag, rig, fit.turns, modes_of(fit))
+
+
+def _rename(curve: bpy.types.FCurve, fit: Fit) -> None:
+    name = bone_of(curve)
+    own = fit.bones.get(name, name)
+    if curve.data_path in FIXED:
+        curve.mute = True
+    elif own != name:
+        before, after = (bpy.utils.escape_identifier(each) for each in (name, own))
+        curve.data_path = curve.data_path.replace(f'["{before}"]', f'["{after}"]', 1)
 
 
 def _empties_called(bones: Sequence[str]) -> list[str]:
@@ -198,22 +126,25 @@ def _empties_called(bones: Sequence[str]) -> list[str]:
 
 
 def choose_action(rig: bpy.types.Object, group: str, name: str) -> Fit:
-    """Return the action `name`, or the best one; CrowdError if it does not fit."""
+    """Return the action `name`, or the best walk; CrowdError if it does not fit, or is none."""
     if name and name not in bpy.data.actions:
         raise CrowdError(
-            f"The file has no action {name}: name one of it, or leave Action empty for the one "
+            f"The file has no action {name}: name one of it, or leave Action empty for the walk "
             f"that fits best."
         )
-    turned: list[str] = []
-    fit = fit_of(rig, bpy.data.actions[name], turned) if name else best(rig, turned)
-    if fit is not None:
-        return fit
-    if turned:
+    fits = list(filter(None, [fit_of(rig, bpy.data.actions[name])])) if name else fits_of(rig)
+    fitting = [fit for fit in fits if not fit.misfits]
+    if name and fitting:
+        return fitting[0]
+    if not name and (walk := best_walk(rig)) is not None:
+        return walk
+    if fitting:
         raise CrowdError(
-            f"The bones of {', '.join(turned[:3])} have the names of {group}'s, but rest turned "
-            f"otherwise: the character "
-            "would be twisted. Retarget the action to its rig."
+            f"No action that fits {group} is called a walk ({_some(_names(fitting))}): choose one "
+            f"of them, or Stand Still, in Character Groups."
         )
+    if fits:
+        raise CrowdError(" ".join(why_not(group, fit) for fit in fits[:MOST_TOLD]))
     bones = _some(rig.data.bones.keys())
     if name:
         raise CrowdError(
@@ -230,6 +161,21 @@ def choose_action(rig: bpy.types.Object, group: str, name: str) -> Fit:
         f"that holds its motion, or "
         "retarget an action to its rig."
     )
+
+
+MOST_TOLD = 3  # actions that are refused, in one message
+
+
+def why_not(group: str, fit: Fit) -> str:
+    """Return a sentence on why a group cannot play an action that moves bones of its names."""
+    return (
+        f"{fit.action.name} was made for {fit.source.name}, whose {listed(fit.misfits)} are not "
+        f"those of {group}: retarget it to this rig."
+    )
+
+
+def _names(fits: Sequence[Fit]) -> list[str]:
+    return [fit.action.name for fit in fits]
 
 
 def _some(names: list[str]) -> str:
@@ -257,7 +203,7 @@ def take_walks(scene: bpy.types.Scene, items: Sequence[bpy.types.Object]) -> Ite
         elif not _walks(scene, rig, items, before):
             yield (
                 f"{rig.name} plays {before.name}, and no action of its file is called a walk: "
-                f"choose the one to walk by in the Action Editor."
+                f"press Populate, and choose the one to walk by in Character Groups."
             )
 
 
@@ -274,7 +220,7 @@ def walk_among(
     fit = walk_of(rig)
     if fit is not None or not others or _walks(scene, rig, items, rig.animation_data.action):
         return fit
-    fits = [fit_of(rig, action, []) for action in others if _walks(scene, rig, items, action)]
+    fits = [playable(rig, action) for action in others if _walks(scene, rig, items, action)]
     return min(
         filter(None, fits),
         key=lambda fit: abs(_speed(scene, rig, items, fit) - USUAL),
@@ -294,7 +240,7 @@ def _walks(
     action: bpy.types.Action,
 ) -> bool:
     """Return whether the action moves the rig on at a person's speed."""
-    fit = fit_of(rig, action, [])
+    fit = playable(rig, action)
     return fit is not None and PERSON[0] <= _speed(scene, rig, items, fit) <= PERSON[1]
 
 
