@@ -11,6 +11,7 @@ from ...crowd_lod.behavior.walk import Walk
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import mesh_data, scene_data
 from ..blender.ownership import OWNED
+from .characters.take_along import hanging_outside
 from .machine.map_areas import meshes_in
 from .machine.scene_world import area_of
 
@@ -222,6 +223,7 @@ def find_obstacles(
     walls = {item for entry in crowd.areas if entry.use for item in meshes_in(entry)}
     left_out = {
         *scene.crowd_lod.characters.all_objects,
+        *hanging_outside(scene),
         *walls,
         crowd.terrain_object,
         crowd.spawn_object,
