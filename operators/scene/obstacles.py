@@ -9,7 +9,7 @@ from mathutils import Matrix, Vector
 
 from ...crowd_lod.behavior.walk import Walk
 from ...crowd_lod.sources.trajectory import Trajectory
-from ..blender import scene_data
+from ..blender import mesh_data, scene_data
 from ..blender.character_objects import bone_shapes
 from ..blender.ownership import OWNED
 from .characters.character_place import parents_of
@@ -270,8 +270,7 @@ def _reaches(shape: PlacedMesh, body: np.ndarray) -> bool:
         return False
     mesh = shape.item.data
     matrix = np.array(shape.matrix)
-    points = np.empty((len(mesh.vertices), 3), np.float32)
-    mesh.vertices.foreach_get("co", points.ravel())
+    points = mesh_data.vertices_of(mesh)
     edges = np.empty((len(mesh.edges), 2), np.int32)
     mesh.edges.foreach_get("vertices", edges.ravel())
     ends = (points @ matrix[2, :3] + matrix[2, 3])[edges]
