@@ -6,6 +6,7 @@ import bpy
 
 from ....crowd_lod.errors import CrowdError
 from ....crowd_lod.messages import Message, MessageKind, from_json, to_json
+from ...blender.character_objects import bone_shapes
 from ...blender.operator import Reporting
 from ...settings import needs
 from .character_place import carriers_of, is_shape
@@ -22,8 +23,8 @@ def hanging_outside(scene: bpy.types.Scene) -> dict[bpy.types.Object, bpy.types.
         for item in group.members
         if isinstance(group.owner, bpy.types.Collection)
     }
-    inside = set(top.all_objects)
-    outside = [item for item in scene.objects if item not in inside and is_shape(item)]
+    left_out = {*top.all_objects, *bone_shapes(scene.objects)}
+    outside = [item for item in scene.objects if item not in left_out and is_shape(item)]
     homes = {}
     for item in sorted(outside, key=lambda item: item.name):
         holders = [*carriers_of(item), item.find_armature()]
