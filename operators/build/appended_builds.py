@@ -1,4 +1,6 @@
-"""Live builds from another file that stand still: without their scene, or in a linked one."""
+"""Live builds that stand still: from another file without their scene, in a linked scene, or where
+another scene shows theirs as its Background Scene.
+"""
 
 import bpy
 
@@ -15,7 +17,7 @@ STAGE = "crowd_lod_stage"
 def standing_still(scene: bpy.types.Scene) -> str:
     """Return a sentence on live builds in the scene that nothing moves; "" without.
 
-    No scene's settings name them, or the scene is linked.
+    No scene's settings name them, the scene is linked, or shows them by its Background Scene.
     """
     names = _names(scene)
     if names:
@@ -24,13 +26,45 @@ def standing_still(scene: bpy.types.Scene) -> str:
             f"settings, so it stands still: append its scene in place of it, or bake it in its own "
             f"file and take the bake."
         )
-    build = scene.crowd_lod.build
-    if scene.library is not None and build is not None and BAKED not in build:
+    if scene.library is not None and _is_live_in(scene):
         return (
             f"The scene {scene.name} is linked, so nothing moves its live build: append the scene, "
             f"or bake it in its own file."
         )
-    return ""
+    sets = [each for each in _sets_of(scene) if _is_live_in(each)] if STAGE not in scene else []
+    return _still_in(scene, sets[0]) if sets else ""
+
+
+def note_on_sets(scene: bpy.types.Scene) -> str:
+    """Return a sentence on another scene that shows `scene`, whose build is live, as its Background
+    Scene; "" without.
+    """
+    if not _is_live_in(scene):
+        return ""
+    others = [each for each in bpy.data.scenes if STAGE not in each and scene in _sets_of(each)]
+    return _still_in(others[0], scene) if others else ""
+
+
+def _still_in(scene: bpy.types.Scene, shown: bpy.types.Scene) -> str:
+    return (
+        f"The scene {scene.name} shows {shown.name} as its Background Scene, where the live build "
+        f"stands still: press Bake in {shown.name}."
+    )
+
+
+def _is_live_in(scene: bpy.types.Scene) -> bool:
+    build = scene.crowd_lod.build
+    return build is not None and BAKED not in build
+
+
+def _sets_of(scene: bpy.types.Scene) -> list[bpy.types.Scene]:
+    """Return the Background Scene of `scene`, that one's, and so on."""
+    sets: list[bpy.types.Scene] = []
+    shown = scene.background_set
+    while shown is not None and shown not in sets:
+        sets.append(shown)
+        shown = shown.background_set
+    return sets
 
 
 def _names(scene: bpy.types.Scene) -> list[str]:

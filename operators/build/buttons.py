@@ -26,6 +26,7 @@ from ..scene.sources.crowd_sources import check_recorded
 from ..scene.sources.record_points import shared_record
 from ..settings import needs
 from ..settings.stored_figures import keep_costs
+from .appended_builds import note_on_sets
 from .bake import bake
 from .cost_estimate import estimate
 from .frame_update import update
@@ -111,6 +112,7 @@ def build_live(scene: bpy.types.Scene) -> Generator[float, None, str]:
         frame.unplanned,
         notes_on_built(crowd, built),
         notes_on_characters(scene),
+        note_on_sets(scene),
     )
     return " ".join(filter(None, sentences))
 

@@ -9,7 +9,7 @@ from ...crowd_lod.messages import Message, MessageKind, from_json
 from ...crowd_lod.simplification.decimate import missing_library
 from ..blender.callbacks import troubles_of
 from ..blender.sidebar_answers import keep_at_work
-from ..build.appended_builds import standing_still
+from ..build.appended_builds import note_on_sets, standing_still
 from ..freshness.artifacts import artifacts_of, current_proof, news_of, reasons
 from ..scene.characters.motionless import questions
 from ..scene.shot_reference import notes_on_file
@@ -50,6 +50,7 @@ def messages(scene: bpy.types.Scene) -> list[Told]:
         viewport_overlay.problem(scene),
         missing_library(),
         standing_still(scene),
+        note_on_sets(scene),
         *troubles_of(scene),
     ]
     if settings.characters is not None:

@@ -4,8 +4,10 @@ says that it stands still.
 
 import bpy
 import pytest
+from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.build.appended_builds import standing_still
 from crowd_lod_extension.operators.build.bake import bake
+from crowd_lod_extension.operators.build.buttons import build_live
 from crowd_lod_extension.operators.build.shelves import points_of
 from crowd_lod_extension.operators.ui import steps
 
@@ -96,3 +98,27 @@ def test_a_linked_instance_of_a_live_build_says_that_it_stands_still(built, tmp_
 
 def test_a_build_in_its_own_file_says_nothing(built):
     assert not standing_still(built)
+
+
+def test_a_live_build_in_a_background_scene_says_that_it_stands_still(built, tmp_path, capfd):
+    """A scene in between shows it, too; a bake follows."""
+    between = bpy.data.scenes.new("Set")
+    between.background_set = built
+    lighting = bpy.data.scenes.new("Lighting")
+    lighting.background_set = between
+    told = (
+        f"The scene {{}} shows {built.name} as its Background Scene, where the live build stands "
+        f"still: press Bake in {built.name}."
+    )
+    assert steps.messages(lighting)[0][:2] == (told.format("Lighting"), "ERROR")
+    assert any(line[0] == told.format("Lighting") for line in steps.messages(built))
+    assert told.format("Lighting") in finished(build_live(built))
+    lighting.camera = built.camera
+    lighting.render.engine = "BLENDER_WORKBENCH"
+    lighting.render.resolution_percentage = 1
+    lighting.render.filepath = str(tmp_path / "x")
+    capfd.readouterr()
+    bpy.ops.render.render(scene="Lighting", write_still=True)
+    assert capfd.readouterr().err.count(told.format("Lighting")) == 1
+    list(bake(built, [1, 2]))
+    assert not any(line[0] == told.format("Lighting") for line in steps.messages(built))
