@@ -7,7 +7,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.mesh import EMPTY, Mesh, join
-from ...crowd_lod.progress import Workload
+from ...crowd_lod.progress import Pauses, Workload
 from ..blender import mesh_data
 from ..blender.evaluation import as_rendered
 from ..blender.materials import is_opaque
@@ -116,11 +116,14 @@ def read_shapes(
     """
     shapes = []
     work = Workload(len(frames))
+    pauses = Pauses()
     with Posed(objects, (), performance) as posed:
         for frame in frames:
             shapes += posed.shapes(frame)
-            performance.rest()
-            yield work.did(1)
+            progress = work.did(1)
+            if pauses.is_due():
+                performance.rest()
+                yield progress
     return shapes
 
 

@@ -1,7 +1,6 @@
 """Extent of a character in renders: vertices, hair, displacement by materials."""
 
 import re
-import time as clock
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from typing import NamedTuple, TypeVar
 
@@ -11,7 +10,7 @@ import numpy as np
 from ....crowd_lod.crowd.bounds import bounding_sphere, ground_of, sole_of
 from ....crowd_lod.errors import CrowdError
 from ....crowd_lod.mesh import EMPTY, Mesh, join
-from ....crowd_lod.progress import Workload
+from ....crowd_lod.progress import Pauses, Workload
 from ...blender import mesh_data
 from ...blender.animation import armatures_of
 from ...blender.evaluation import as_rendered
@@ -26,7 +25,6 @@ MOST_POSES = 120
 # Poses of an action in which soles are looked for: first, and where something hangs below them.
 # They take a third of all measuring if looked for in nine at once.
 SOLES = 3, 9
-TICK = 0.04  # seconds of measuring at a time
 OFF_GROUND = 0.02  # of a character's largest extent: nearer to the ground it stands on it
 FEET = 0.01  # of a character's height above its lowest point: what is lower stands on the ground
 # in the name of a bone: it carries what is held
@@ -120,16 +118,15 @@ def posing(
     with as_rendered(objects) as (stage, actors), performance:
         for item in armatures_of(objects):
             stage.collection.objects.link(item)
-        until = clock.monotonic() + TICK
+        pauses = Pauses()
         for frame in frames:
             performance.go_to(stage, frame)
             depsgraph = stage.view_layers[0].depsgraph
             poses.append(measure(actors, depsgraph))
             progress = work.did(1)
-            if clock.monotonic() >= until:
+            if pauses.is_due():
                 performance.rest()
                 yield progress
-                until = clock.monotonic() + TICK
     return poses
 
 
