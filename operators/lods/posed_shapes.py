@@ -45,7 +45,8 @@ class Posed:
         performance: Performance | None = None,
     ):
         self.performance = performance or own_performance(list(objects))
-        self._staged = as_rendered([item for group in (objects, *levels) for item in group])
+        items = [item for group in (objects, *levels) for item in group]
+        self._staged = as_rendered(items, hair_swings=False)
         self.stage, actors = self._staged.__enter__()
         self.character, *self.levels = [
             [actors[item] for item in group] for group in (objects, *levels)
