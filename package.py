@@ -6,8 +6,6 @@ ships inside the bpy module. README and docs become web pages in the zip.
 """
 
 import argparse
-import base64
-import csv
 import hashlib
 import os
 import posixpath
@@ -17,7 +15,6 @@ import sys
 import tempfile
 import tomllib
 import zipfile
-import zlib
 from collections.abc import Collection
 from html import escape
 from importlib.util import find_spec
@@ -31,6 +28,7 @@ from markdown import Markdown
 
 ROOT = Path(__file__).resolve().parent
 WHEELS = ROOT / "wheels"
+HASHES = ROOT / "wheels.sha256"
 PAGE_STYLE = """
 body { max-width: 56rem } table { display: block; overflow-x: auto; margin: 1rem 0 }
 th, td { text-align: left; vertical-align: top } p, li { color: var(--ink) }
@@ -57,7 +55,13 @@ def main() -> None:
     out = parser.parse_args().out.resolve()
 
     manifest = tomllib.loads((ROOT / "blender_manifest.toml").read_text(encoding="utf-8"))
-    fetch([Path(wheel).name for wheel in manifest["wheels"]])
+    names = [Path(wheel).name for wheel in manifest["wheels"]]
+    if set(names) != pinned().keys():
+        raise Failure(
+            f"{HASHES.name} and blender_manifest.toml list other wheels: write the hashes anew with "
+            f"sha256sum, in {WHEELS.name}"
+        )
+    fetch(names)
     extension_tool("validate", ROOT)
     with tempfile.TemporaryDirectory() as folder, staged(out) as stage:
         archive = stage / f"{manifest['id']}-{manifest['version']}.zip"
@@ -103,7 +107,7 @@ def web_page(text: str, name: str, names: Collection[str], website: str) -> str:
 
 def fetch(names: list[str]) -> None:
     """Make the folder of wheels hold these files and no others."""
-    missing = [name for name in names if not whole(WHEELS / name)]  # a cut one is fetched anew
+    missing = [name for name in names if not whole(WHEELS / name)]  # a spoilt one is fetched anew
     if missing:
         with staged(WHEELS) as stage:
             download(missing, stage)
@@ -138,27 +142,24 @@ def download(names: list[str], folder: Path) -> None:
             )
         if not whole(folder / name):
             raise Failure(
-                f"{name} is not whole, as pip fetched it; empty its cache (pip cache purge) and "
-                f"try again"
+                f"{name}, as pip fetched it, is not the file whose SHA-256 {HASHES.name} has; "
+                f"empty pip's cache (pip cache purge) and try again"
             )
 
 
 def whole(wheel: Path) -> bool:
-    """Whether the wheel is there with all its files as its own list, RECORD, has them."""
+    """Whether the wheel is there, and is the one whose SHA-256 wheels.sha256 has."""
     try:
-        with zipfile.ZipFile(wheel) as archive:
-            names = {name for name in archive.namelist() if not name.endswith("/")}
-            (record,) = (name for name in names if re.fullmatch(r"[^/]+\.dist-info/RECORD", name))
-            for name, digest, _ in csv.reader(archive.read(record).decode().splitlines()):
-                kind, _, value = digest.partition("=")
-                if digest and hashlib.new(
-                    kind, archive.read(name)
-                ).digest() != base64.urlsafe_b64decode(value + "=="):
-                    return False
-                names.discard(name)
-            return not names
-    except (OSError, ValueError, KeyError, EOFError, zlib.error, zipfile.BadZipFile):
+        with wheel.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest() == pinned()[wheel.name]
+    except OSError:
         return False
+
+
+def pinned() -> dict[str, str]:
+    """Return the SHA-256 of each wheel by name, as sha256sum writes them."""
+    lines = HASHES.read_text(encoding="utf-8").splitlines()
+    return {name: digest for digest, name in map(str.split, lines)}
 
 
 def extension_tool(action: str, *arguments: str | Path) -> None:

@@ -351,11 +351,29 @@ def _terrain_moves(several: Sequence[Message], _: str) -> str:
     )
 
 
-def _places_left_out(several: Sequence[Message], _: str) -> str:
-    lost, places = (several[0].facts[name] for name in ("lost", "places"))
+def _places_outside(several: Sequence[Message], _: str) -> str:
+    facts = several[0].facts
+    size, fits = (" x ".join(map(number, facts[name])) for name in ("size", "fits"))
     return (
-        f"{lost:,} of {counted(places, 'place')} {'is' if lost == 1 else 'are'} left out: off the "
-        f"label map, or where its labels let nobody start."
+        f"{facts['lost']:,} of {counted(facts['places'], 'start point')} "
+        f"{'lies' if facts['lost'] == 1 else 'lie'} outside the crowd's area ({size}): set Size to "
+        f"{fits}."
+    )
+
+
+def _places_on_labels(several: Sequence[Message], _: str) -> str:
+    facts = several[0].facts
+    place, remedy = (
+        ("where the label map lets nobody start", "paint a label there that does")
+        if facts["map"]
+        else (
+            "on the edges of the crowd's area, where nobody starts",
+            "move Center, or change Size",
+        )
+    )
+    lies = "lies" if facts["lost"] == 1 else "lie"
+    return (
+        f"{facts['lost']:,} of {counted(facts['places'], 'start point')} {lies} {place}: {remedy}."
     )
 
 
@@ -418,7 +436,8 @@ WORDS: dict[MessageKind, Callable[[Sequence[Message], str], str]] = {
     MessageKind.NO_TERRAIN: _no_terrain,
     MessageKind.TERRAIN_OF_CHARACTERS: _terrain_of_characters,
     MessageKind.TERRAIN_MOVES: _terrain_moves,
-    MessageKind.PLACES_LEFT_OUT: _places_left_out,
+    MessageKind.PLACES_OUTSIDE: _places_outside,
+    MessageKind.PLACES_ON_LABELS: _places_on_labels,
     **dict.fromkeys(OF_LODS, _not_made),
 }
 # facts in which subjects of one sentence agree

@@ -44,7 +44,8 @@ class MessageKind(StrEnum):
     NO_TERRAIN = auto()
     TERRAIN_OF_CHARACTERS = auto()
     TERRAIN_MOVES = auto()
-    PLACES_LEFT_OUT = auto()
+    PLACES_OUTSIDE = auto()
+    PLACES_ON_LABELS = auto()
     # of LODs that were not made
     SAVES_LITTLE = auto()
     BESIDE_GIVEN = auto()

@@ -79,7 +79,7 @@ class Reader:
             if (
                 isinstance(value, bool)
                 or not isinstance(value, int | float)
-                or not least <= float(value) < math.inf
+                or not (math.isfinite(value) and least <= value)
             ):
                 raise ValueError
             return float(value)

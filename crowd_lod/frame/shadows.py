@@ -4,7 +4,6 @@ import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import product, repeat, zip_longest
 
 import numpy as np
 
@@ -73,13 +72,18 @@ def surround(frame: Frame, around: Surroundings) -> Frame:
     leaves = len(dated_blocks[1].rows) if dated_blocks else 0
     reflects, shades = (_Sought(unseen.copy(), np.ones(leaves, bool)) for _ in range(2))
     looked_at = moments(trajectory, frame) if around.lights or around.mirrors else []
-    for moment, films in zip(looked_at, maps or repeat(()), strict=False):
+    lights = [spread(light) for light in around.lights]
+    for number, moment in enumerate(looked_at):
         there = _there(frame, moment, dated_blocks, around.box)
         mirrors, lit = _volumes(there, moment.eyes, around)
         for volume in mirrors:
             reflects.find(there, volume)
-        for (volume, film), light in product(zip_longest(lit, films), map(spread, around.lights)):
-            shades.find(there, volume, light, film)
+        # the eyes' own volumes come first; what mirrors show has no map
+        films = maps[number] if maps else ()
+        unmapped = [None] * (len(lit) - len(films))
+        for volume, film in zip(lit, [*films, *unmapped], strict=True):
+            for light in lights:
+                shades.find(there, volume, light, film)
     reflected = unseen & ~reflects.agents
     shade = unseen & ~shades.agents
     if around.glows:

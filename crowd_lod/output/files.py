@@ -97,6 +97,16 @@ def staged_file(path: Path) -> Iterator[Path]:
         part.replace(hidden / target.name)
 
 
+@contextmanager
+def temporary_folder() -> Iterator[Path]:
+    """Yield a folder in the system's place for temporary files, which is removed at the end.
+
+    Those of killed runs of the same user are removed by the next run.
+    """
+    with ExitStack() as stack:
+        yield _hidden_folder(Path(tempfile.gettempdir()), stack, "")
+
+
 def follow_link(path: Path) -> Path:
     """Return where the file `path` is written: a link is followed.
 

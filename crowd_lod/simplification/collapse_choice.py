@@ -54,13 +54,13 @@ def quadrics_of(
     points: np.ndarray,
     triangles: np.ndarray,
     constrained: tuple[np.ndarray, np.ndarray],
-    hold: float = 1.0,
+    seam_weight: float = 1.0,
 ) -> np.ndarray:
     """Each vertex's quadric (11, n): xx, xy, xz, yy, yz, zz, xd, yd, zd, dd, area.
 
     It sums the planes of the faces at the vertex, by their areas, and the planes upright on its
     constrained edges, by their lengths squared. points: (n, 3); triangles: (m, 3); constrained: see
-    constrained_edges(); hold: weight of seams, of that of borders.
+    constrained_edges(); seam_weight: of seams, as part of that of borders.
     """
     n = len(points)
     sides, is_border = constrained
@@ -69,7 +69,7 @@ def quadrics_of(
     total = _spread(_planes(normal, a, area / 2), triangles.T, n)
     start, end = half_edges(triangles)[sides].T
     upright, length = _unit(np.cross(points[end] - points[start], normal[sides // 3]))
-    weight = np.where(is_border, 1, hold) * length**2
+    weight = np.where(is_border, 1, seam_weight) * length**2
     total[:10] += _spread(_planes(upright, points[start], weight)[:10], (start, end), n)
     return total
 
@@ -129,10 +129,10 @@ def _place_block(
     gy = xy * x + yy * y + yz * z + yd
     gz = xz * x + yz * y + zz * z + zd
     cost = (gx + xd) * x + (gy + yd) * y + (gz + zd) * z + dd
-    hold = MIDPOINT * area + 1e-300
-    xx = xx + hold
-    yy = yy + hold
-    zz = zz + hold
+    to_middle = MIDPOINT * area + 1e-300
+    xx = xx + to_middle
+    yy = yy + to_middle
+    zz = zz + to_middle
     cxx = yy * zz - yz * yz
     cxy = xz * yz - xy * zz
     cxz = xy * yz - xz * yy
@@ -251,7 +251,7 @@ def choose_collapses(
     good = np.zeros(0, np.intp)
     bad = np.zeros(0, np.intp)
     for _ in range(passes):
-        candidates = _apart(order.ends, free, corners, n)
+        candidates = _without_common_faces(order.ends, free, corners, n)
         if not len(candidates):
             break
         free[candidates] = False
@@ -272,7 +272,9 @@ def in_ring(corners: np.ndarray, ends: np.ndarray, n: int) -> np.ndarray:
     return ring
 
 
-def _apart(ends: np.ndarray, free: np.ndarray, corners: np.ndarray, n: int) -> np.ndarray:
+def _without_common_faces(
+    ends: np.ndarray, free: np.ndarray, corners: np.ndarray, n: int
+) -> np.ndarray:
     """The free edges that share no face at their ends with a cheaper free edge.
 
     ends: (2, k) vertices, the cheapest edge first; free: (k,) bool; corners: (3, m), of n vertices.

@@ -17,7 +17,7 @@ from ..mesh import Mesh, connected_components
 from ..progress import finished
 from .collapse_choice import Poses, normals_of, quadrics_of
 from .edge_collapse import Collapsed, collapse
-from .loose_parts import areas, grown
+from .loose_parts import silhouette_areas, widened
 from .pose_deformation import Skin
 from .surface_fit import NEAR_ENOUGH, SurfaceFit
 from .triangle_mesh import constrained_edges, edge_keys, half_edges
@@ -100,7 +100,7 @@ def decimating(  # noqa: PLR0913 - what a mesh is decimated by
     weight: (n,), how much the planes at each point count when edges collapse; 1 each if None.
 
     Returns the LodMesh. Points without a triangle are dropped, open borders at the same points
-    become one. Loose parts become cards, or go, where that shows less than what collapses
+    become one. Loose parts go, where that shows less than what collapses
     elsewhere, see LooseParts. CrowdError for bad input.
     """
     _check(mesh, ratio, name)
@@ -192,7 +192,7 @@ def _best(
     fit = SurfaceFit(lod, mesh, collapse_map, seams[inside], skin, left.follows[kept_points])
     yield from _fitted(fit, max(effort * MOVES, MOVES_EACH * len(triangles)))
     return Collapsed(
-        _widened(points, triangles, part, fit),
+        _as_wide_as_source(points, triangles, part, fit),
         fit.corners.T,
         fit.copies.originals(fit.collapse_map),
         fit.follows,
@@ -215,9 +215,9 @@ def _collapse(  # noqa: PLR0913 - what a mesh is decimated by
     """
     points = mesh.points
     triangles = mesh.triangles
-    hold = 1.0 if skin else min(1.0, target / len(triangles) / SEAMS_YIELD) ** 3
+    seam_weight = 1.0 if skin else min(1.0, target / len(triangles) / SEAMS_YIELD) ** 3
     facing = normals_of(points, triangles)
-    quadrics = quadrics_of(points, triangles, constrained, hold)
+    quadrics = quadrics_of(points, triangles, constrained, seam_weight)
     pose_quadrics = [
         quadrics_of(place, triangles, constrained, SEAMS_POSED)
         for place in (skin.place if skin else ())
@@ -239,7 +239,7 @@ def _collapse(  # noqa: PLR0913 - what a mesh is decimated by
     if len(coarse) < len(triangles) and not poses:
         # of a flat face all points may have landed far from its corners, which must not forget it
         sums[:11] += BULK_PLANES * quadrics_of(
-            start, coarse, constrained_edges(coarse, collapse_map[seams], len(start)), hold
+            start, coarse, constrained_edges(coarse, collapse_map[seams], len(start)), seam_weight
         )
     left = yield from collapse(Mesh(start, coarse), sums[:11], sums[11:].T, target, poses)
     return left._replace(collapse_map=left.collapse_map[collapse_map])
@@ -282,7 +282,7 @@ def _fitted(fit: SurfaceFit, moves: float) -> Iterator[None]:
             break
 
 
-def _widened(
+def _as_wide_as_source(
     points: np.ndarray, triangles: np.ndarray, part: np.ndarray, fit: SurfaceFit
 ) -> np.ndarray:
     """The LOD's points (k, 3) at rest, its loose parts widened if there are several.
@@ -295,8 +295,8 @@ def _widened(
         return new_points
     names, of = np.unique(part[fit.follows], return_inverse=True)
     shown = triangles[np.isin(part[triangles[:, 0]], names)]
-    wanted = areas(points, shown, np.searchsorted(names, part[shown[:, 0]]), len(names))
-    return grown(new_points, fit.corners.T, of, wanted, fit.worst)
+    wanted = silhouette_areas(points, shown, np.searchsorted(names, part[shown[:, 0]]), len(names))
+    return widened(new_points, fit.corners.T, of, wanted, fit.worst)
 
 
 def _bulk(

@@ -56,7 +56,7 @@ def collapse(
 
     Yields between the rounds. Returns the mesh with all n points, whose indices stay; of an edge's
     two it moves with the nearer. No collapse opens, closes, pinches or folds the surface; each part
-    keeps a triangle, or four where it is closed. Loose parts become cards, or go, where that costs
+    keeps a triangle, or four where it is closed. Loose parts go, where that costs
     less than the next collapses (see LooseParts).
     """
     # of few of them, when most have collapsed before
@@ -102,9 +102,8 @@ class _Collapse:
         self.used = vertices
         self.follows = vertices.copy()
         self.collapse_map = np.arange(len(vertices))
-        places = poses.skin.place if poses else ()
-        copies = [self.points.copy(), *(place[vertices].T for place in places)]
-        self.loose = LooseParts(copies, self.corners, self.quadrics[10])
+        copies = 1 + (len(poses.skin.place) if poses else 0)
+        self.loose = LooseParts(copies, self.points, self.corners, self.quadrics[10])
         self.stuck = False
         # Where none of the cheapest edges may collapse, all are tried, then also those that turn
         # faces further.
@@ -163,7 +162,6 @@ class _Collapse:
         """Return what each edge's collapse costs (k,), and the cheapest edges, in order."""
         barred = are_bridges(edges.ends, edges.faces, len(self.used))
         barred |= np.isin(self.keys, self.refused)
-        barred |= self.loose.is_card[self.loose.part[edges.ends[0]]]
         cost = np.where(barred, np.inf, self.estimates[3])
         most = len(cost)
         if not self.thorough:
@@ -223,15 +221,12 @@ class _Collapse:
 
     def result(self, points: np.ndarray) -> Collapsed:
         """Return the mesh as it is now, with all points (n, 3) of the source."""
-        own_points, collapse_map, follows = self.loose.restore_cards(
-            self.points, self.collapse_map, self.follows, self.used
-        )
         all_points = points.copy()
-        all_points[self.used] = own_points.T
+        all_points[self.used] = self.points.T
         all_collapsed = np.arange(len(points))
-        all_collapsed[self.used] = self.used[collapse_map]
+        all_collapsed[self.used] = self.used[self.collapse_map]
         all_follow = np.arange(len(points))
-        all_follow[self.used] = follows
+        all_follow[self.used] = self.follows
         return Collapsed(all_points, self.used[self.corners].T, all_collapsed, all_follow)
 
 

@@ -10,8 +10,7 @@ import numpy as np
 from ..mesh import connected_components
 from .closest_point import distances
 from .collapse_choice import AREA_POWER
-from .rasterizer import mask
-from .thin_parts import THIN_LEAST
+from .rasterizer import covered
 from .triangle_mesh import blocks, length, normals
 
 # A point of the source that a collapse leaves behind counts with this part of the distance: the
@@ -23,7 +22,6 @@ LARGER = 4.0
 NEAR = 4.0
 
 PAIRS_AT_ONCE = 4_000_000  # pairs of a part and a point that are compared at a time
-CARD = np.array([(0, 0), (1, 2), (2, 3)])  # the two triangles of a card, as corners among its four
 GOLDEN = (np.sqrt(5) - 1) / 2  # fractions of its multiples spread evenly from 0 to 1
 LOST = 0.03  # part of the source's silhouette: a part that lacks more is widened
 FLAT = 0.01  # a part whose thickness is less than this part of its length is flat
@@ -35,47 +33,31 @@ DIRECTIONS = np.stack([_right, np.cross(_towards, _right)], axis=1)
 
 
 class LooseParts:
-    """The loose parts of a mesh. All but the largest may become a card of two triangles, or go.
+    """The loose parts of a mesh. All but the largest may go.
 
     A closed part cannot collapse to fewer than four triangles, nor one with holes to so few. Beside
     many small parts the largest would go on collapsing until nothing is left of it. So the error
-    of each part as a card, and its error if it were gone, are compared with the costs of the next
-    collapses: squared distances in all copies, weighed by area as quadrics are. Quadrics do not
-    tell that a thin end gets shorter. So each point also follows a point of the source, its
-    witness.
+    of each part if it were gone is compared with the costs of the next collapses: squared distances
+    in all copies, weighed by area as quadrics are. Quadrics do not tell that a thin end gets
+    shorter. So each point also follows a point of the source, its witness.
 
-    part: (n,) the number of each point's part, from the largest on; is_card: (parts,) bool, which
-    are cards by now.
+    part: (n,) the number of each point's part, from the largest on.
     """
 
-    def __init__(self, copies: list[np.ndarray], corners: np.ndarray, area: np.ndarray):
+    def __init__(self, copies: int, rest: np.ndarray, corners: np.ndarray, area: np.ndarray):
         """The parts of a mesh, none given up.
 
-        copies: its points (3, n) at rest, then in each pose; corners: (3, m), of its triangles,
-        which use all points; area: (n,), of each point, as in its quadric.
+        copies: of the mesh, at rest and in each pose; rest: (3, n), its points; corners: (3, m), of
+        its triangles, which use all points; area: (n,), of each point, as in its quadric.
         """
-        rest = copies[0]
         self.part, middle, radius = _parts(rest, corners)
         count = len(radius)
-        self.is_card = np.zeros(count, bool)
-        self._cards, thickness = _cards(rest, self.part, count)
-        gap, lost = _lost_distances(rest, self.part, self._cards, middle, radius)
-        # Seen edge on a card shows nothing: it counts as half lost, unless the part is so thin that
-        # a LOD with such an error need not show it.
-        unseen = np.minimum((gap + radius) / 2, thickness / THIN_LEAST)
-        off = [
-            np.maximum(unseen, _card_distances(points, corners, self.part, self._cards))
-            for points in copies
-        ]
         faces = normals(*(rest.take(corner, 1) for corner in corners))
         silhouette = np.bincount(self.part[corners[0]], length(faces), count) / 8
         weight = np.bincount(self.part, area, count) ** (1 - AREA_POWER)
-        self._costs = weight * np.stack(
-            [np.sum(np.square(off), axis=0), len(copies) * np.maximum(lost**2, silhouette)]
-        )
-        self._costs[:, 0] = np.inf
-        self._copies = len(copies)
-        self._rest = rest
+        lost = _lost_distances(rest, self.part, middle, radius)
+        self._costs = weight * copies * np.maximum(lost**2, silhouette)
+        self._copies = copies
         self._witness = rest.copy()
 
     @property
@@ -124,60 +106,19 @@ class LooseParts:
         )
 
     def give_up(self, corners: np.ndarray, limit: float, excess: int) -> np.ndarray:
-        """Turn parts into cards, or remove them, at a cost of `limit` at most each.
+        """Remove parts, at a cost of `limit` at most each.
 
         corners: (3, m), of the triangles there are; excess: how many of them are too many. The
         cheapest parts go first, until as many triangles are freed. Returns the corners (3, k) that
         are left.
         """
-        count = len(self.is_card)
         part = self.part[corners[0]]
-        cards = self._cards[CARD]
-        sound = (cards != np.roll(cards, 1, axis=0)).all(axis=0)
-        faces = np.bincount(part, minlength=count)
-        freed = np.concatenate([(faces - sound.sum(axis=0)) * sound.any(axis=0), faces])
-        costs = self._costs.reshape(-1)
-        costs[freed <= 0] = np.inf
-        due = np.flatnonzero((costs <= limit) & (costs < np.inf))
-        if not len(due):
-            return corners
-        due = due[np.argsort(costs[due], kind="stable")]
+        freed = np.bincount(part, minlength=len(self._costs))
+        due = np.flatnonzero((self._costs <= limit) & (self._costs < np.inf))
+        due = due[np.argsort(self._costs[due], kind="stable")]
         due = due[: np.searchsorted(np.cumsum(freed[due]), excess) + 1]
-        removed = due[due >= count] - count
-        flattened = np.setdiff1d(due[due < count], removed)
-        self.is_card[flattened] = True
-        self._costs[0, flattened] = self._costs[:, removed] = np.inf
-        remaining = corners.compress(~np.isin(part, np.append(flattened, removed)), axis=1)
-        return np.concatenate(
-            [
-                remaining,
-                cards[..., flattened].reshape(3, -1).compress(sound[:, flattened].ravel(), axis=1),
-            ],
-            axis=1,
-        )
-
-    def restore_cards(
-        self,
-        points: np.ndarray,
-        collapse_map: np.ndarray,
-        follows: np.ndarray,
-        source_follows: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Put the corners of cards where the source has them, and collapse their parts into these.
-
-        points: (3, n), collapse_map: (n,), follows: (n,), of the mesh as collapsed; source_follows:
-        (n,), what each point of the source moves with. Returns the same, changed.
-        """
-        flat = self.is_card[self.part]
-        away = [
-            length(self._rest - self._rest.take(corner[self.part], 1)) for corner in self._cards
-        ]
-        corners = self._cards[np.argmin(away, axis=0), self.part]
-        return (
-            np.where(flat, self._rest, points),
-            np.where(flat, corners, collapse_map),
-            np.where(flat, source_follows, follows),
-        )
+        self._costs[due] = np.inf
+        return corners.compress(~np.isin(part, due), axis=1)
 
 
 def _parts(points: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -197,51 +138,12 @@ def _parts(points: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndar
     return np.argsort(by_size)[part], (low + high)[:, by_size] / 2, radius[by_size]
 
 
-def _cards(points: np.ndarray, part: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """A card for each part, between the points that reach farthest along its two longest axes.
-
-    points: (3, n); part: (n,), numbers below `count`. Returns the corners (4, count) in the order
-    in which they lie around the card, and how far the parts reach along the third axis (count,).
-    """
-    size = np.bincount(part, minlength=count)
-    off = points - (np.stack([np.bincount(part, x, count) for x in points]) / size)[:, part]
-    spread = np.stack([np.bincount(part, x * y, count) for x in off for y in off], axis=1)
-    along = np.einsum("dn,ndk->kn", off, np.linalg.eigh(spread.reshape(-1, 3, 3))[1][part])
-    last = np.cumsum(size) - 1
-    orders = [np.lexsort((way, part)) for way in along]
-    (low, high), *ends = [(order[last - size + 1], order[last]) for order in orders]
-    return np.stack([*ends[1], *ends[0]])[[0, 2, 1, 3]], along[0, high] - along[0, low]
-
-
-def _card_distances(
-    points: np.ndarray, corners: np.ndarray, part: np.ndarray, cards: np.ndarray
-) -> np.ndarray:
-    """How far each part and its card are from each other, (parts,).
-
-    points: (3, n); corners: (3, m); part: (n,); cards: (4, parts).
-    """
-    a, b, c, d = (points.take(corner, 1) for corner in cards)
-    triangles = [
-        [corner.take(part, 1) for corner in triangle] for triangle in ((a, b, c), (a, c, d))
-    ]
-    off = np.zeros(cards.shape[1])
-    np.maximum.at(off, part, np.minimum(*(distances(points, *triangle) for triangle in triangles)))
-    owner = part[corners[0]]
-    faces = [points.take(corner, 1) for corner in corners]
-    for middle in ((a + b + c) / 3, (a + c) / 2, (a + c + d) / 3):
-        back = np.full(len(off), np.inf)
-        np.minimum.at(back, owner, distances(middle.take(owner, 1), *faces))
-        off = np.maximum(off, back)
-    return off
-
-
 def _lost_distances(
-    points: np.ndarray, part: np.ndarray, cards: np.ndarray, middle: np.ndarray, radius: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """How far each part is from larger ones, and the error of the picture once the part is gone.
+    points: np.ndarray, part: np.ndarray, middle: np.ndarray, radius: np.ndarray
+) -> np.ndarray:
+    """The error of the picture once each part is gone, (parts,), infinite for the largest.
 
-    points: (3, n); part: (n,), cards: (4, parts); middle: (3, parts), radius: (parts,). Returns
-    (parts,) each, infinite for the largest part.
+    points: (3, n); part: (n,); middle: (3, parts), radius: (parts,).
 
     Once a part is gone, a larger one stands in for it: one of many times its size if there is such
     a one nearby, else the nearest. If that part goes before, its own stand-in serves. A part that
@@ -253,16 +155,12 @@ def _lost_distances(
     order = np.argsort(part, kind="stable")
     points = points.take(order, 1)
     first = np.searchsorted(part[order], np.arange(len(radius)))
-    place = np.argsort(order)
     nearest, gap = _nearest_points(points, first, middle)
-    off = gap + radius
     larger = first[np.searchsorted(-radius, -LARGER * radius)]
     near, away = _nearest_points(points, larger, middle)
-    for corner in cards:
-        away = np.maximum(away, _nearest_points(points, larger, points.take(place[corner], 1))[1])
-    at_larger = away < NEAR * radius
-    counts_on = part[order[np.where(at_larger, near, nearest)]]
-    return gap, _lost_in_turn(np.where(at_larger, away, off), counts_on)
+    at_larger = away + radius < NEAR * radius
+    stand_in = part[order[np.where(at_larger, near, nearest)]]
+    return _lost_in_turn(np.where(at_larger, away, gap) + radius, stand_in)
 
 
 def _nearest_points(
@@ -288,32 +186,32 @@ def _nearest_points(
     return nearest, away
 
 
-def _lost_in_turn(off: np.ndarray, counts_on: np.ndarray) -> np.ndarray:
+def _lost_in_turn(off: np.ndarray, stand_in: np.ndarray) -> np.ndarray:
     """The error of each part once it is gone, (parts,), if the least goes first.
 
-    off: (parts,) distance from the larger part that stands in for it, counts_on: (parts,), which
+    off: (parts,) distance from the larger part that stands in for it, stand_in: (parts,), which
     that is: see _lost_distances().
     """
     off = off.copy()
-    counts_on = counts_on.copy()
+    stand_in = stand_in.copy()
     lost = np.full(len(off), np.inf)
     behind = np.zeros(len(off))
     waiting = [(off[k], k * GOLDEN % 1, k) for k in range(1, len(off))]
     heapify(waiting)
     while waiting:
         estimate, turn, k = heappop(waiting)
-        while lost[counts_on[k]] < np.inf:
-            off[k] += off[counts_on[k]]
-            counts_on[k] = counts_on[counts_on[k]]
+        while lost[stand_in[k]] < np.inf:
+            off[k] += off[stand_in[k]]
+            stand_in[k] = stand_in[stand_in[k]]
         if off[k] + behind[k] > estimate:
             heappush(waiting, (off[k] + behind[k], turn, k))
             continue
         lost[k] = estimate
-        behind[counts_on[k]] = max(behind[counts_on[k]], estimate)
+        behind[stand_in[k]] = max(behind[stand_in[k]], estimate)
     return lost
 
 
-def grown(
+def widened(
     points: np.ndarray,
     triangles: np.ndarray,
     part: np.ndarray,
@@ -338,7 +236,8 @@ def grown(
     reach = np.zeros((count, 3))  # the shortest first
     np.maximum.at(reach, part, np.abs(along))
     more = (
-        target_areas / np.maximum(areas(points, triangles, part[triangles[:, 0]], count), 1e-300)
+        target_areas
+        / np.maximum(silhouette_areas(points, triangles, part[triangles[:, 0]], count), 1e-300)
         - 1
     )
     more[more < LOST] = 0
@@ -356,7 +255,7 @@ def grown(
     return middle[part] + np.einsum("nk,ndk->nd", along * scale[part], axes[part])
 
 
-def areas(
+def silhouette_areas(
     points: np.ndarray, triangles: np.ndarray, part: np.ndarray, count: int, cell: int = CELL
 ) -> np.ndarray:
     """The area (count,) of each part's silhouette, in the mean of DIRECTIONS.
@@ -377,11 +276,7 @@ def areas(
         at = ((flat - low[part, None]) / size[part, None] * (cell - 2) + 1) + cell * place[
             part, None
         ]
-        covered = (
-            mask(at, (across * cell, across * cell))
-            .reshape(across, cell, across, cell)
-            .sum(axis=(1, 3))
-            .ravel()
-        )
-        total += covered[:count] * size.prod(axis=1)
+        mask = covered(at, (across * cell, across * cell))
+        pixels = mask.reshape(across, cell, across, cell).sum(axis=(1, 3)).ravel()
+        total += pixels[:count] * size.prod(axis=1)
     return total / (cell - 2) ** 2 / len(DIRECTIONS)

@@ -1,4 +1,4 @@
-"""A small rasterizer, for silhouettes and the pictures of LODs."""
+"""A small rasterizer, for pictures of LODs and how much of a picture loose parts cover."""
 
 from collections.abc import Iterator
 
@@ -7,7 +7,6 @@ import numpy as np
 from .triangle_mesh import ranges
 
 MOST_PAIRS = 50_000  # of triangle and pixel, at a time: what fits in the processor's cache
-EDGE = 1e-9  # pixels by which a center may miss an edge that it lies on, by rounding
 
 
 def cover(
@@ -50,60 +49,12 @@ def cover(
         )
 
 
-def mask(corners: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """The pixels that triangles cover, (rows, columns) bool.
-
-    Each triangle covers a row from where it begins in it to where it ends; centers on edges are
-    covered. corners, shape: see `cover`.
-    """
-    rows, columns = shape
-    u = corners[:, 1] - corners[:, 0]
-    v = corners[:, 2] - corners[:, 0]
-    x, y = corners[u[:, 0] * v[:, 1] != u[:, 1] * v[:, 0]].transpose(2, 1, 0)
-    low = np.ceil(y.min(axis=0) - 0.5).clip(0, rows)
-    high = (np.floor(y.max(axis=0) - 0.5) + 1).clip(0, rows)
-    count = (high - low).clip(0).astype(np.intp)
-    # each triangle in each of its rows
-    triangle = np.repeat(np.arange(len(count)), count)
-    row = ranges(low.astype(np.intp), count)
-    begin = np.full(len(row), np.inf)
-    end = np.full(len(row), -np.inf)
-    for p, q in ((0, 1), (1, 2), (2, 0)):
-        (x_p, y_p), (x_q, y_q) = ((x[k].take(triangle), y[k].take(triangle)) for k in (p, q))
-        crossed = np.flatnonzero(((y_p - row - 0.5) * (y_q - row - 0.5) <= 0) & (y_p != y_q))
-        part = (row[crossed] + 0.5 - y_p[crossed]) / (y_q[crossed] - y_p[crossed])
-        at = x_p[crossed] + part * (x_q[crossed] - x_p[crossed])
-        begin[crossed] = np.minimum(begin[crossed], at)
-        end[crossed] = np.maximum(end[crossed], at)
-    first = np.ceil(begin - 0.5 - EDGE).clip(0, columns).astype(np.intp)
-    last = (np.floor(end - 0.5 + EDGE) + 1).clip(0, columns).astype(np.intp)
-    spans = np.flatnonzero(first < last)
-    # how many begin less how many have ended
-    begun, ended = (
-        np.bincount(row[spans] * (columns + 1) + ends[spans], minlength=rows * (columns + 1))
-        for ends in (first, last)
-    )
-    return np.cumsum((begun - ended).reshape(rows, columns + 1), axis=1, dtype=np.int32)[:, :-1] > 0
-
-
-def edges(corners: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """The pixels along the longest edges of triangles less than a pixel high.
-
-    `mask` may miss parts of such: what is seen edge on. corners, shape: see `cover`; what lies
-    outside is moved to the border. Returns rows (k,) and columns (k,).
-    """
-    sides = np.roll(corners, -1, axis=1) - corners
-    squares = np.einsum("mkd,mkd->mk", sides, sides)
-    doubled = sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]
-    low = np.flatnonzero(doubled**2 < squares.max(axis=1, initial=0))
-    first = squares[low].argmax(axis=1)
-    begin = corners[low, first]
-    side = sides[low, first]
-    count = np.ceil(np.abs(side).max(axis=1, initial=0)).astype(np.intp) + 1
-    part = ranges(np.zeros_like(count), count) / np.repeat((count - 1).clip(1), count)
-    at = np.repeat(begin, count, axis=0) + part[:, None] * np.repeat(side, count, axis=0)
-    column, row = np.floor(at).astype(np.intp).clip(0, (shape[1] - 1, shape[0] - 1)).T
-    return row, column
+def covered(corners: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """The pixels that triangles cover, (rows, columns) bool; corners, shape: see `cover`."""
+    mask = np.zeros(shape[0] * shape[1], bool)
+    for pixels, _, _ in cover(corners, shape):
+        mask[pixels] = True
+    return mask.reshape(shape)
 
 
 def nearest(

@@ -21,6 +21,7 @@ from .rows import MOST_ROWS, Rows
 MAGIC = b"SQLite format 3\0"
 VERSIONS = ("1", "2", "3")
 ROWS_AT_ONCE = 2**17  # rows that are read at a time
+LONGEST_ROW = 2**16  # bytes of a row; JuPedSim's geometries have tables of their own
 STEPS = 100_000  # of SQLite, between two looks at whether anybody still waits
 NAMES = "id", "frame", "pos_x", "pos_y"
 ROW = np.dtype([("id", np.int64), ("frame", np.float64), ("x", np.float64), ("y", np.float64)])
@@ -36,6 +37,7 @@ def read_jupedsim(path: Path, tell: Callable[[float], None] = lambda _: None) ->
     try:
         with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as database:
             database.set_progress_handler(_is_unwanted, STEPS)
+            database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LONGEST_ROW)
             _check_tables(database, where)
             metadata = dict(database.execute("SELECT key, value FROM metadata LIMIT 1000"))
             if str(metadata.get("version")) not in VERSIONS:
@@ -52,8 +54,8 @@ def read_jupedsim(path: Path, tell: Callable[[float], None] = lambda _: None) ->
             "it needs the tables metadata and trajectory_data; copy or write it again."
         ) from None
     try:
-        rate = float(metadata.get("fps", 0))
-    except ValueError:
+        rate = float(metadata.get("fps") or 0)
+    except (TypeError, ValueError):
         rate = 0.0
     columns: dict[str, Any] = {name: np.ascontiguousarray(rows[name]) for name in ROW.names or ()}
     return Rows(**columns, rate=rate, unit="m")

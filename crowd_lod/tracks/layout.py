@@ -288,9 +288,9 @@ def layout_of(data: bytearray, where: str, columns_asked: str = "") -> Table:
     columns = columns_of(titles)
     values = _split(row) if row else []
     _check_titles(titles, columns, row, where, bool(asked))
-    columns = {name: place for name, place in columns.items() if place < len(values)}
     bare = [re.sub(r"[^a-z]", "", title.split("-")[0].lower()) for title in titles]
-    if "time" in columns and set(ENDS.values()) <= set(bare):
+    columns = {name: place for name, place in columns.items() if place < len(values)}
+    if "time" in columns and set(ENDS.values()) <= set(bare[: len(values)]):
         columns |= {name: bare.index(name) for name in ENDS.values()}
     factors = {}
     for name, units in (("time", SECONDS), ("heading", RADIANS)):

@@ -51,7 +51,9 @@ def read_npz(path: Path) -> Rows:
             f"The file {where} has {rate.size} values of fps: give one number, its frames a second."
         )
     if unit not in UNITS:
-        raise CrowdError(f"The file {where} has the unit {unit}: use one of {', '.join(UNITS)}.")
+        raise CrowdError(
+            f"The file {where} has the unit {unit[:40]}: use one of {', '.join(UNITS)}."
+        )
     return Rows(**columns, rate=float(rate.reshape(())), unit=unit, feet=True)
 
 

@@ -96,6 +96,10 @@ def check_rows(rows: Rows, path: Path) -> Rows:
     used.
     """
     where = printable(path)
+    if rows.id.ndim != 1:
+        raise CrowdError(
+            f"The file {where} has ids in the shape {rows.id.shape}: give one for each row."
+        )
     count = len(rows)
     if not count:
         raise CrowdError(f"The file {where} has no rows: choose a file of trajectories.")
@@ -161,15 +165,20 @@ def _checked(name: str, column: np.ndarray, where: str) -> np.ndarray:
             f"The column {name} of {where} is of the kind {column.dtype}: give numbers."
         )
     if name != "id":
+        column = column.astype(np.float64, copy=False)
         check_range(name, column, where)
-        return column.astype(np.float64, copy=False)
+        return column
     if column.dtype.kind == "f":
+        column = column.astype(np.float64, copy=False)
         broken = ~((column == np.rint(column)) & (np.abs(column) < 2.0**53))
-        if broken.any():
-            row = int(broken.argmax())
-            raise CrowdError(
-                f"Row {row + 1:,} of {where} has the id {column[row]}: give agents whole numbers."
-            )
+    else:
+        broken = column > np.iinfo(np.int64).max
+    if broken.any():
+        row = int(broken.argmax())
+        raise CrowdError(
+            f"Row {row + 1:,} of {where} has the id {column[row]}: give agents whole numbers "
+            f"below 2^53."
+        )
     return column.astype(np.int64, copy=False)
 
 

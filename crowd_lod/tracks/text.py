@@ -5,7 +5,7 @@ titles is given them.
 """
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,8 @@ from .rows import GREATEST, RATES, Rows, check_range, check_rate
 
 BYTES_AT_ONCE = 2**20  # bytes that are read at a time
 TURN = 2 * np.pi
+
+Texts = dict[str, dict[str, int]]  # by column: its texts, numbered as they come
 
 
 def read_text(
@@ -36,10 +38,11 @@ def read_text(
         data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     table = layout_of(data, where, columns_asked)
     parts: dict[str, list[np.ndarray]] = {name: [] for name in table.columns}
+    texts: Texts = {name: {} for name in table.texts}
     commas: set[bool] = set()
     work = Workload(len(data) - table.begins)
     for part, line in _parts(data, table.begins, where):
-        for name, values in _values(part, table, where, line, commas).items():
+        for name, values in _values(part, table, where, line, texts, commas).items():
             parts[name].append(values)
         tell(work.did(len(part)))
         check_cancelled()
@@ -49,7 +52,7 @@ def read_text(
     notes: list[str] = []
     if commas == {True}:
         notes.append("Its commas are taken for decimal points, so 1,500 is 1.5.")
-    _number_texts(columns, table, notes)
+    columns |= _texts_as_values(columns, texts, notes)
     _check_ranges(columns, where)
     check_rate(table.rate, where)
     for name, factor in table.factors.items():
@@ -76,20 +79,30 @@ def _check_ranges(columns: dict[str, Any], where: str) -> None:
         check_range(name, columns[name], where)
 
 
-def _number_texts(columns: dict[str, Any], table: Table, notes: list[str]) -> None:
-    """Turn texts in `columns` that are all numbers to numbers, and ids such as ped0 to whole
-    numbers.
+def _texts_as_values(
+    columns: dict[str, np.ndarray], texts: Texts, notes: list[str]
+) -> dict[str, np.ndarray]:
+    """Return what the columns of numbered `texts` hold.
+
+    Texts that are all numbers are these; ids such as ped0 are whole numbers in the order of the
+    texts; groups are texts.
     """
-    for name in table.texts:
+    values = {}
+    for name, numbers in texts.items():
+        used, place = np.unique(columns[name].astype(np.intp), return_inverse=True)
+        words = np.array(list(numbers), np.str_)[used]
+        order = np.argsort(words)
         try:
-            columns[name] = columns[name].astype(np.float64)
+            meaning: np.ndarray = words.astype(np.float64)
         except ValueError:
+            meaning = words if name == "group" else np.argsort(order)
             if name == "id":
-                names, columns["id"] = np.unique(columns["id"], return_inverse=True)
                 notes.append(
                     f"Its ids are texts, and agents are numbered in their order: "
-                    f'"{names[0][:40]}" is 0.'
+                    f'"{words[order[0]][:40]}" is 0.'
                 )
+        values[name] = meaning[place]
+    return values
 
 
 def _with_ends(columns: dict[str, Any]) -> dict[str, Any]:
@@ -135,12 +148,13 @@ def _parts(data: bytearray, at: int, where: str) -> Iterator[tuple[bytearray, in
         at = end
 
 
-def _values(
-    part: bytearray, table: Table, where: str, line: int, commas: set[bool]
+def _values(  # noqa: PLR0913 - a part, and what all parts share
+    part: bytearray, table: Table, where: str, line: int, texts: Texts, commas: set[bool]
 ) -> dict[str, np.ndarray]:
-    """Return the columns of the rows in `part`, which ends with a row.
+    """Return the columns of the rows in `part`, which ends with a row; texts by their numbers.
 
     line: lines before it in the file.
+    texts: receives the texts that are new.
     commas: receives, for decimal commas, whether three digits follow all of them.
     """
     if table.split != "," and b"," in part:
@@ -153,36 +167,29 @@ def _values(
             commas.add(re.search(rb"\d,(?:\d{0,2}|\d{4,})(?!\d)", part) is None)
         part = part.replace(b",", b".")
     lines = part.decode("utf-8", "replace").split("\n")
-    columns = None if table.texts or not table.numeric else _numbers_alone(lines, table)
-    if columns is not None:
-        return columns
+    try:
+        if not (b'"' in part or b"#" in part) and _are_as_wide(lines, table):
+            return _load(lines, table, texts)
+    except ValueError:
+        pass  # a closer look tells what is wrong, or that rows are of nobody
     lines = _without_nobodies(lines, table)
     _check_rows(lines, table, where, line)
-    numbers = [name for name in table.columns if name not in table.texts]
     try:
-        values = _load(lines, table, float, [table.columns[name] for name in numbers])
-        columns = {name: values[:, k] for k, name in enumerate(numbers)}
-        for name in table.texts:
-            columns[name] = _load(lines, table, str, [table.columns[name]])[:, 0]
+        return _load(lines, table, texts)
     except ValueError as error:
         raise CrowdError(
             f"The table {where} cannot be read after line {line:,} ({error}): give each row its "
             f"numbers."
         ) from None
-    return columns
 
 
-def _numbers_alone(lines: list[str], table: Table) -> dict[str, np.ndarray] | None:
-    """Return the columns of rows in which all values are numbers; None if there are others, which
-    takes a closer look.
-    """
-    try:
-        values = _load(lines, table, float, None)
-    except ValueError:
-        return None
-    if len(values) and values.shape[1] != table.width:
-        return None
-    return {name: values[:, place] for name, place in table.columns.items()}
+def _are_as_wide(lines: list[str], table: Table) -> bool:
+    """Return whether all rows have as many values as the table; they have no quotes."""
+    if table.split is None:
+        widths = {len(line.split()) for line in lines} - {0}
+    else:
+        widths = {line.count(table.split) + 1 for line in lines if line}
+    return widths == {table.width}
 
 
 def _without_nobodies(lines: list[str], table: Table) -> list[str]:
@@ -196,18 +203,25 @@ def _without_nobodies(lines: list[str], table: Table) -> list[str]:
     return [line if tells(line) else "" for line in lines]
 
 
-def _load(lines: list[str], table: Table, type: type, columns: Sequence[int] | None) -> np.ndarray:
-    """Return the values (rows, columns) of `lines`."""
+def _load(lines: list[str], table: Table, texts: Texts) -> dict[str, np.ndarray]:
+    """Return the columns of `lines`; ValueError if a value is no number."""
     if not any(line.strip() and not line.lstrip().startswith("#") for line in lines):
-        return np.empty((0, len(columns) if columns is not None else table.width), type)
-    return np.loadtxt(
+        return {name: np.empty(0) for name in table.columns}
+    values = np.loadtxt(
         lines,
-        type,
         delimiter=table.split,
-        usecols=columns,
+        usecols=list(table.columns.values()),
+        converters={table.columns[name]: _numbering(texts[name]) for name in table.texts},
         ndmin=2,
         quotechar='"' if table.split else None,
+        encoding=None,
     )
+    return {name: values[:, k] for k, name in enumerate(table.columns)}
+
+
+def _numbering(numbers: dict[str, int]) -> Callable[[str], int]:
+    """Return the function from a text to its number, a new one for a text not in `numbers`."""
+    return lambda text: numbers.setdefault(text, len(numbers))
 
 
 def _check_rows(lines: list[str], table: Table, where: str, line: int) -> None:

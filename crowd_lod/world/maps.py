@@ -14,6 +14,7 @@ FARTHEST = 1e6
 # Distance in RGB, of 255, within which a pixel of a painted map still has a label's color. A JPEG
 # of quality 95 moves 94 % of the plaza's pixels by less than 8, and most others by less than this.
 NEAR = 32
+COLUMNS = 64  # of a map without an image
 MOST_STRAYS = 0.01  # part of a map's pixels that may be of no label's color
 
 
@@ -46,6 +47,10 @@ class Area:
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """The least and the greatest x and y, each (2, 1) float64 meters."""
         return np.array([[self.x_min], [self.y_min]]), np.array([[self.x_max], [self.y_max]])
+
+    def holds(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Return which of the places x, y, (n,) each, lie in it, (n,) bool."""
+        return (x >= self.x_min) & (x <= self.x_max) & (y >= self.y_min) & (y <= self.y_max)
 
 
 # Cells along a side of the squares of one label that a map knows about, at most.
@@ -280,7 +285,7 @@ def lay_over(pixels: np.ndarray, over: np.ndarray) -> np.ndarray:
     return np.where(over[..., 3:] > 0, over[..., :3], pixels)
 
 
-def edge_map(area: Area, names: tuple[str, ...], columns: int = 64) -> LabelMap:
+def edge_map(area: Area, names: tuple[str, ...], columns: int = COLUMNS) -> LabelMap:
     """Return the map of a scene without a map image: the chapter's plane.
 
     It has one row of `columns` cells. All have the first label, but the outermost columns have

@@ -316,9 +316,7 @@ def stays(machine: StateMachine, world: LabelMap) -> bool:
 def allowed_agents(places: Places, machine: StateMachine, world: LabelMap) -> np.ndarray:
     """Return which places agents may spawn at, (n,) bool: on the map, where its label lets them."""
     x, y, _ = places.points.T
-    area = world.area
-    inside = (x >= area.x_min) & (x <= area.x_max) & (y >= area.y_min) & (y <= area.y_max)
-    return inside & machine.spawn[world.at(x, y)]
+    return world.area.holds(x, y) & machine.spawn[world.at(x, y)]
 
 
 def settle(

@@ -45,6 +45,13 @@ def read_mesh(mesh: bpy.types.Mesh) -> ReadMesh:
     return ReadMesh(points, triangles, corners, faces, slots[faces])
 
 
+def vertices_of(mesh: bpy.types.Mesh) -> np.ndarray:
+    """Return the places of the mesh's vertices, (n, 3) float32."""
+    points = np.empty((len(mesh.vertices), 3), np.float32)
+    mesh.vertices.foreach_get("co", points.ravel())
+    return points
+
+
 def new_mesh(name: str, points: np.ndarray, triangles: np.ndarray) -> bpy.types.Mesh:
     """Return a new mesh of points (n, 3) and triangles (m, 3)."""
     mesh = bpy.data.meshes.new(name)
@@ -136,8 +143,7 @@ def world_points(evaluated: bpy.types.Object) -> np.ndarray:
     except RuntimeError:
         return np.empty((0, 3))
     try:
-        points = np.empty((len(mesh.vertices), 3), np.float32)
-        mesh.vertices.foreach_get("co", points.ravel())
+        points = vertices_of(mesh)
     finally:
         evaluated.to_mesh_clear()
     matrix = np.array(evaluated.matrix_world, np.float64)
@@ -172,8 +178,7 @@ def world_polygons(
     """
     mesh = evaluated.to_mesh()
     try:
-        points = np.empty((len(mesh.vertices), 3), np.float32)
-        mesh.vertices.foreach_get("co", points.ravel())
+        points = vertices_of(mesh)
         polygons = [np.array(polygon.vertices) for polygon in mesh.polygons]
     finally:
         evaluated.to_mesh_clear()

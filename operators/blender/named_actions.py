@@ -71,6 +71,12 @@ def action_names(group: str, name: str) -> list[str]:
     return [*(each for owner in owners for each in (f"{owner} {name}", f"{name} {owner}")), name]
 
 
+def find_action(group: str, name: str) -> bpy.types.Action | None:
+    """Return the action in the file that the group plays as `name`."""
+    found = (bpy.data.actions.get(each) for each in action_names(group, name))
+    return next(filter(None, found), None)
+
+
 def _mixed(group: str, name: str, mixed: tuple[PlayedAction, PlayedAction, float]) -> PlayedAction:
     """Return the step `name` of a cross-fade; it lasts as long as the longer of its actions.
 
@@ -110,10 +116,7 @@ def _own_action(group: str, objects: list[bpy.types.Object]) -> PlayedAction:
 
 
 def _find_action(group: str, objects: list[bpy.types.Object], name: str) -> PlayedAction:
-    action = next(
-        (bpy.data.actions[each] for each in action_names(group, name) if each in bpy.data.actions),
-        None,
-    )
+    action = find_action(group, name)
     if action is None:
         raise CrowdError(
             f"The state machine names the action {name}, and the file has none for the character "

@@ -32,6 +32,11 @@ def add_aovs(scene: bpy.types.Scene) -> str:
                     f"The view layer {layer.name} has an AOV {aov.name} that holds colors: rename "
                     f"it, or remove it."
                 )
+    if not any(shelf.all_objects for shelf in shelves_of(scene.crowd_lod.build).values()):
+        raise CrowdError(
+            "The build shows nobody: bake frames in which the camera sees agents, then press Add "
+            "AOVs again."
+        )
     materials = list(materials_of(scene))
     closed = [material for material in materials if not _is_open(material)]
     if len(closed) == len(materials):

@@ -19,7 +19,7 @@ from ...crowd_lod.output import file_checks, files, tables
 from ...crowd_lod.output.file_checks import save_png
 from ...crowd_lod.output.html_report import STYLE, cards, document, table_of
 from ..blender import image_data
-from ..deliver.farm_job import check_file, job_of, job_sentence, write_job
+from ..deliver.farm_job import check_job, job_of, job_sentence, write_job
 from .options import add_command, add_out, add_scene
 from .scene_files import open_scene
 
@@ -68,7 +68,7 @@ def run_job(args) -> dict[str, Any]:
         )
     scene = open_scene(args.scene)
     path = Path(bpy.data.filepath)
-    check_file(scene, path)
+    check_job(scene, path)
     step = args.step
     if step is None:
         step = scene.crowd_lod.step if args.preview else scene.frame_step

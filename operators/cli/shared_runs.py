@@ -27,6 +27,7 @@ from .options import add_command, to_path
 
 PARTS = "parts"  # the folder of a run's parts
 RUN = "run.json"  # in it: which run they are of
+REPORT = "report.html"  # of a run that is put together
 SHARED = "preview", "verify"  # the commands that are made in parts
 # Options, with the number of their values: those of a process that makes a part, and all that do
 # not change what is made.
@@ -253,8 +254,12 @@ def finishing_command(args, parser: Callable[[str], argparse.ArgumentParser]) ->
 
 
 def remove_parts(folder: Path) -> None:
-    """Remove the parts in `folder`, which are part of its files now."""
-    shutil.rmtree(folder / PARTS)
+    """Remove the parts in `folder`, which are part of its files now.
+
+    Whose removal was cut short are no run's any more: run.json goes first.
+    """
+    (folder / PARTS / RUN).unlink(missing_ok=True)
+    shutil.rmtree(folder / PARTS, ignore_errors=True)
 
 
 def part_result(sharing: Sharing, rows: Sequence[dict]) -> dict[str, Any]:
@@ -300,6 +305,10 @@ def assemble(args) -> dict:
     if args.frames is not None:
         frames = parse_frames(args.frames, args.step)
         return farm.assemble_frames(files.absolute(args.folder), frames, args.words)
+    if (args.folder / REPORT).exists() and not (args.folder / PARTS / RUN).exists():
+        remove_parts(args.folder)
+        out = printable(args.folder)
+        return {"out": out, "summary": f"All is there: {REPORT} is written.\n{out}"}
     again = finishing_command(args, args.parser)
     result = again.run(again)
     remove_parts(args.folder)

@@ -18,8 +18,12 @@ from ...crowd_lod.output import files
 from ...crowd_lod.output.farm_job import FarmJob, template, values
 from ...crowd_lod.progress import Workload
 from ..blender import console
+from ..blender.cameras import read_cameras
 from ..blender.operator import Stepwise
 from ..blender.output_folders import output_folder, place_of
+from ..scene.characters.group_measuring import measure_groups
+from ..scene.characters.stored_groups import groups_of
+from ..scene.scene_crowd import trajectory_of
 from ..settings import needs
 
 FLAMENCO = Path(__file__).with_name("flamenco_job.js")
@@ -75,8 +79,8 @@ def job_of(
     return FarmJob(name, path, span, frames_per_task, preview, RENDER, starting_words())
 
 
-def check_file(scene: bpy.types.Scene, path: Path) -> None:
-    """Raise CrowdError unless a farm can open the scene's file `path` with Crowd LOD."""
+def check_job(scene: bpy.types.Scene, path: Path) -> None:
+    """Raise CrowdError unless a farm can open the scene's file `path` and plan its crowd."""
     if scene.crowd_lod.characters is None:
         raise CrowdError(
             f"The scene {scene.name} has no crowd: choose its characters in the Crowd panel, and "
@@ -93,6 +97,8 @@ def check_file(scene: bpy.types.Scene, path: Path) -> None:
                 f"The path {printable(place)} has a line break or another character that a job "
                 f"cannot hold: rename it, and open it again."
             )
+    read_cameras(scene, bpy.context.evaluated_depsgraph_get())
+    trajectory_of(scene, groups_of(scene.crowd_lod) or measure_groups(scene))
 
 
 def starting_words() -> tuple[str, ...]:
@@ -160,7 +166,7 @@ class CROWDLOD_OT_write_farm_job(Stepwise, bpy.types.Operator):
 
     def work(self, scene: bpy.types.Scene) -> Generator[float, None, str]:
         path = Path(bpy.data.filepath)
-        check_file(scene, path)
+        check_job(scene, path)
         frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
         job = job_of(path.name, frames, scene.crowd_lod.frames_per_task)
         folder = output_folder(scene, "farm")

@@ -9,7 +9,7 @@ from mathutils import Matrix, Vector
 
 from ...crowd_lod.behavior.walk import Walk
 from ...crowd_lod.sources.trajectory import Trajectory
-from ..blender import scene_data
+from ..blender import mesh_data, scene_data
 from ..blender.ownership import OWNED
 from .machine.map_areas import meshes_in
 from .machine.scene_world import area_of
@@ -253,8 +253,7 @@ def _reaches(shape: PlacedMesh, body: np.ndarray) -> bool:
         return False
     mesh = shape.item.data
     matrix = np.array(shape.matrix)
-    points = np.empty((len(mesh.vertices), 3), np.float32)
-    mesh.vertices.foreach_get("co", points.ravel())
+    points = mesh_data.vertices_of(mesh)
     edges = np.empty((len(mesh.edges), 2), np.int32)
     mesh.edges.foreach_get("vertices", edges.ravel())
     ends = (points @ matrix[2, :3] + matrix[2, 3])[edges]

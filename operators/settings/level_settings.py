@@ -103,8 +103,12 @@ class HowItPlays:
 
 
 class CrowdLodAction(HowItPlays, bpy.types.PropertyGroup):
-    """Measurements of the action that states name `name`, as one character group plays it."""
+    """Measurements of the action that states name `name`, as one character group plays it.
 
+    It holds the action, which so comes along when the scene is appended to another file.
+    """
+
+    action: PointerProperty(type=bpy.types.Action, name="Action", description="The action played")
     stride: FloatProperty(
         name="Stride",
         unit="LENGTH",

@@ -381,3 +381,15 @@ def test_a_scale_of_one_leaves_no_trace(waiting):
         trajectory.groups == groups_of(waiting.crowd_lod)
         and trajectory.scale(trajectory.start, np.arange(3)) is None
     )
+
+
+def test_actions_that_states_name_come_along_with_an_appended_scene(ready, tmp_path):
+    path = str(tmp_path / "crowd.blend")
+    name = ready.name
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    bpy.ops.wm.append(directory=f"{path}/Scene/", filename=name)
+    scene = next(each for each in bpy.data.scenes if each.crowd_lod.characters is not None)
+    bpy.context.window.scene = scene
+    scene.frame_start = scene.frame_end = 1
+    assert bpy.ops.crowd_lod.bake() == {"FINISHED"}

@@ -65,6 +65,18 @@ def test_each_pixel_holds_what_its_agent_is(built, tmp_path, baked):
     np.testing.assert_allclose(shown, expected, atol=1e-6)
 
 
+def test_a_bake_that_shows_nobody_is_told(built):
+    built.camera.data.clip_end = 2 * built.camera.data.clip_start
+    for item in [item for item in built.objects if item.type == "LIGHT"]:
+        bpy.data.objects.remove(item)
+    built.world = None
+    built.frame_start = built.frame_end = 1
+    bpy.ops.crowd_lod.bake()
+    with pytest.raises(CrowdError, match="The build shows nobody: bake frames in which the camera"):
+        add_aovs(built)
+    assert not built.view_layers[0].aovs
+
+
 def test_what_cannot_be_written_is_told_and_nothing_changes(built):
     aov = built.view_layers[0].aovs.add()
     aov.name = "id"

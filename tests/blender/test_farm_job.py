@@ -147,6 +147,25 @@ def test_what_cannot_be_a_job_is_told(job, tmp_path, words, said, capfd):
     assert said in capfd.readouterr().err and not (tmp_path / "other").exists()
 
 
+@pytest.mark.parametrize(
+    "spoil, said",
+    [
+        (lambda scene: setattr(scene.crowd_lod.crowds[0], "count", 0), "The crowd has 0 agents"),
+        (lambda scene: setattr(scene, "camera", None), "has no active camera"),
+        (lambda scene: setattr(scene.camera, "scale", (0, 0, 0)), "is scaled to 0"),
+    ],
+)
+def test_a_scene_that_no_farm_could_plan_is_no_job(job, tmp_path, spoil, said, capfd):
+    spoil(bpy.context.scene)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "crowd.blend"))
+    assert run("job", tmp_path / "crowd.blend", "--out", tmp_path / "other") == 1
+    assert said in capfd.readouterr().err and not (tmp_path / "other").exists()
+    bpy.context.scene.crowd_lod.output_folder = str(tmp_path / "pressed")
+    with pytest.raises(RuntimeError):
+        bpy.ops.crowd_lod.write_farm_job()
+    assert not (tmp_path / "pressed").exists()
+
+
 # Flamenco's own side, as its manual describes it: author makes tasks and commands, jobs and tasks
 # collect them.
 AUTHOR = """

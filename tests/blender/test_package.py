@@ -2,7 +2,6 @@
 its pages lead to one another.
 """
 
-import base64
 import hashlib
 import os
 import shutil
@@ -105,19 +104,12 @@ WHEEL = "thing-1.0-py3-none-any.whl"
 
 
 def make_wheel(folder, names=("thing.py", "data.bin"), text=b"x = 1\n"):
-    """A small wheel with its list of files, as pip takes it."""
+    """A small wheel, as pip takes it."""
     parts = {name: text * 200 for name in names}
     parts["thing-1.0.dist-info/METADATA"] = b"Metadata-Version: 2.1\nName: thing\nVersion: 1.0\n"
     parts["thing-1.0.dist-info/WHEEL"] = (
         b"Wheel-Version: 1.0\nGenerator: t\nRoot-Is-Purelib: true\nTag: py3-none-any\n"
     )
-    lines = [
-        f"{name},sha256={base64.urlsafe_b64encode(hashlib.sha256(data).digest()).decode().rstrip('=')},{len(data)}"
-        for name, data in parts.items()
-    ]
-    parts["thing-1.0.dist-info/RECORD"] = "\n".join(
-        [*lines, "thing-1.0.dist-info/RECORD,,"]
-    ).encode()
     folder.mkdir(exist_ok=True)
     with zipfile.ZipFile(folder / WHEEL, "w") as archive:
         for name, data in parts.items():
@@ -154,7 +146,11 @@ def offline(tmp_path, monkeypatch):
     monkeypatch.setenv("PIP_NO_INDEX", "1")
     monkeypatch.setenv("PIP_FIND_LINKS", str(tmp_path / "index"))
     monkeypatch.setattr(package, "WHEELS", tmp_path / "wheels")
-    return make_wheel(tmp_path / "index"), make_wheel(tmp_path / "wheels")
+    monkeypatch.setattr(package, "HASHES", tmp_path / "wheels.sha256")
+    whole = make_wheel(tmp_path / "index")
+    package.HASHES.write_text(f"{hashlib.sha256(whole.read_bytes()).hexdigest()}  {WHEEL}\n")
+    package.WHEELS.mkdir()
+    return whole, Path(shutil.copy(whole, package.WHEELS))
 
 
 @pytest.mark.once
@@ -174,5 +170,5 @@ def test_a_spoilt_wheel_is_fetched_anew(offline, spoil):
 def test_a_wheel_that_arrives_spoilt_is_refused(offline):
     for wheel in offline:
         replace_inside(wheel)
-    with pytest.raises(package.Failure, match="is not whole"):
+    with pytest.raises(package.Failure, match="is not the file whose SHA-256 wheels.sha256 has"):
         package.fetch([WHEEL])

@@ -42,6 +42,10 @@ def test_chunks_are_assembled_to_the_files_of_one_run(file, tmp_path, capfd):
     assert os.listdir(tmp_path / "two") == ["parts"]
     assert run("assemble", tmp_path / "two", "--quiet") == 0
     assert contents(tmp_path / "two") == contents(tmp_path / "one")
+    (tmp_path / "two" / "parts").mkdir()  # as a run leaves it that is killed while it removes them
+    assert run("assemble", tmp_path / "two") == 0
+    assert "All is there" in capfd.readouterr().out
+    assert contents(tmp_path / "two") == contents(tmp_path / "one")
 
 
 def test_parts_of_a_scene_that_was_changed_since_are_not_assembled(file, tmp_path, capfd):

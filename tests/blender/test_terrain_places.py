@@ -8,13 +8,15 @@ from math import radians
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.operators.blender import sidebar_answers
+from crowd_lod_extension.operators.blender import image_data, sidebar_answers
 from crowd_lod_extension.operators.scene import scene_crowd
 from crowd_lod_extension.operators.scene.machine import kept_meshes
+from crowd_lod_extension.operators.scene.machine.scene_world import machine_of
 from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 
 from ..support.freshness import changed_since_populate
+from ..support.messages import told
 
 SIT = (
     '{"version": 1, "labels": {"ground": {"color": "#808080"}}, "states": {"sit": {"color": '
@@ -324,6 +326,53 @@ def test_instances_give_places_and_headings(scene):
     assert len(populated(scene).start) == 3
 
 
+def map_of_ground(scene):
+    """A map of the first label alone."""
+    color = machine_of(scene.crowd_lod).label_colors[0]
+    pixels = np.full((8, 8, 4), 255, np.uint8)
+    pixels[..., :3] = color
+    return image_data.write_image("ground", pixels)
+
+
+def rows_around(scene):
+    """Walkers who start in twelve rows along a ring that is larger than Size."""
+    angle = np.linspace(0, 2 * np.pi, 32, endpoint=False)
+    places = np.column_stack([40 * np.cos(angle), 25 * np.sin(angle), np.zeros(32)])
+    edges = [(k, (k + 1) % 32) for k in range(32)]
+    settings = scene.crowd_lod
+    settings.machine = None
+    settings.spawn_on = "CURVES"
+    settings.spawn_object = add(scene, "Ring", places.tolist(), (), edges)
+    settings.count = 240
+    settings.rows = 12
+    settings.size = (60, 60)
+    return settings
+
+
+def test_without_a_map_the_ground_is_as_large_as_the_start(scene):
+    settings = rows_around(scene)
+    assert len(populated(scene).start) == 240 and told(scene) == ""
+    settings.size = (120, 120)
+    settings.center.y = 2.0
+    inside = populated(scene)
+    (part,) = inside.parts
+    assert part.world.area.size == (120, 120)
+
+
+def test_with_a_map_the_size_that_fits_is_told(scene):
+    settings = rows_around(scene)
+    settings.map_image = map_of_ground(scene)
+    few = len(populated(scene).start)
+    assert 0 < few < 240
+    lines = told(scene).splitlines()
+    outside = (
+        f"{240 - few} of 240 start points lie outside the crowd's area (60 x 60): set Size to "
+    )
+    (line,) = [line for line in lines if line.startswith(outside)]
+    settings.size = [float(side) for side in line.removeprefix(outside).rstrip(".").split(" x ")]
+    assert len(populated(scene).start) == 240
+
+
 def away(scene):
     sitting(scene)
     settings = scene.crowd_lod
@@ -331,6 +380,7 @@ def away(scene):
     settings.spawn_on = "SURFACE"
     settings.spawn_object = waves(scene)
     settings.center = (500, 0, 0)
+    settings.map_image = map_of_ground(scene)
 
 
 def nan(scene):
@@ -351,7 +401,7 @@ WRONG = {
                                                                                  "or infinity"),
     "no object": (lambda s: setattr(s.crowd_lod, "spawn_on", "SURFACE"), "spawns on an object, "
                                                                          "and has none"),
-    "off the map": (away, "None of the 300 places .* lies on the label map"),
+    "off the map": (away, "All 300 places of .* lie outside the crowd's area: set Size to 1,040 x 40"),
 }  # fmt: skip
 
 

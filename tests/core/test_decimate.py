@@ -285,7 +285,7 @@ def test_borders_at_the_same_points_do_not_part():
     ("columns", "ratio", "parts"),
     [(1, 0.5, 200), (2, 0.5, 200), (2, 0.3, 200), (1, 0.3, 120), (2, 0.03, 24)],
 )
-def test_cards_stay_while_there_are_triangles_and_are_spread_out_after(columns, ratio, parts):
+def test_strips_stay_while_there_are_triangles_and_are_spread_out_after(columns, ratio, parts):
     points, triangles = cards(columns=columns)
     lod = decimate(Mesh(points, triangles), ratio, "hair")
     kept = np.unique(lod.source[lod.triangles[:, 0]] // (2 * (columns + 1)))
@@ -295,10 +295,9 @@ def test_cards_stay_while_there_are_triangles_and_are_spread_out_after(columns, 
         assert farthest(lod.points, lod.triangles, points) < 0.6 * farthest(points, largest, points)
 
 
-@pytest.mark.parametrize(("ratio", "parts"), [(0.05, 40), (0.01, 8)])
-def test_closed_parts_become_cards_before_any_goes(ratio, parts):
-    """Forty balls: 96 triangles are too few for tetrahedra of all, but enough for cards of all but
-    the largest; 19 are enough for seven."""
+@pytest.mark.parametrize(("ratio", "parts"), [(0.05, 24), (0.01, 4)])
+def test_of_closed_parts_as_many_stay_as_there_are_tetrahedra(ratio, parts):
+    """Forty balls: 96 triangles are tetrahedra of 24, 19 of four."""
     one, triangles = sphere(8)
     place = 4 * np.stack(np.meshgrid(np.arange(5), np.arange(8)), -1).reshape(-1, 2)
     points = np.concatenate([one * (0.5 + k / 40) + (x, y, 0) for k, (x, y) in enumerate(place)])

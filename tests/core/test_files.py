@@ -295,3 +295,18 @@ def test_sizes_are_text_of_three_digits():
         "12.9 MB",
         "3.21 GB",
     ]
+
+
+@posix
+def test_temporary_folders_of_killed_runs_go_with_the_next(tmp_path, monkeypatch):
+    monkeypatch.setattr(files.tempfile, "tempdir", str(tmp_path))
+    killed = start(tmp_path, "wait")  # a hidden folder is the same wherever it lies
+    assert killed.stdout.readline() == "written\n"
+    with files.temporary_folder() as folder:
+        (folder / "mine").write_text("x")
+        assert len(list(tmp_path.iterdir())) == 2
+    killed.kill()
+    killed.wait(20)
+    with files.temporary_folder() as folder:
+        assert list(tmp_path.iterdir()) == [folder]
+    assert not list(tmp_path.iterdir())

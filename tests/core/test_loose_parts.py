@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.mesh import Mesh
 from crowd_lod_extension.crowd_lod.simplification.decimate import decimate
-from crowd_lod_extension.crowd_lod.simplification.loose_parts import areas
+from crowd_lod_extension.crowd_lod.simplification.loose_parts import silhouette_areas
 from crowd_lod_extension.crowd_lod.simplification.pose_deformation import Skin, frames_of
 
 from ..support.bodies import drum
@@ -119,5 +119,5 @@ def test_the_area_that_parts_show_is_that_of_their_shapes():
     plate = np.array([(5, 5, 0), (8, 5, 0), (8, 9, 0), (5, 9, 0.0)])
     triangles = np.concatenate([faces, np.array([(0, 1, 2), (0, 2, 3)]) + len(ball)])
     part = np.repeat([0, 1], [len(faces), 2])
-    found = areas(np.concatenate([2 * ball, plate]), triangles, part, 2)
+    found = silhouette_areas(np.concatenate([2 * ball, plate]), triangles, part, 2)
     np.testing.assert_allclose(found, [4 * np.pi, 12 / np.sqrt(3)], rtol=0.03)

@@ -24,9 +24,9 @@ def test_a_mask_is_the_triangle_s_pixels_by_half_planes():
             for p, q in ((a, b), (b, c), (c, a))
         ]
         alone = np.all([s >= 0 for s in sides], axis=0) | np.all([s <= 0 for s in sides], axis=0)
-        assert (rasterizer.mask(np.array([[a, b, c]]), shape) == alone).all()
+        assert (silhouette.mask(np.array([[a, b, c]]), shape) == alone).all()
         expected |= alone
-    assert (rasterizer.mask(corners, shape) == expected).all() and 0.2 < expected.mean() < 1
+    assert (silhouette.mask(corners, shape) == expected).all() and 0.2 < expected.mean() < 1
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -40,7 +40,7 @@ def test_a_mask_has_no_holes_where_centers_lie_on_edges(seed):
     one_by_one = np.zeros((30, 40), bool)
     for pixel, _, _ in rasterizer.cover(corners, one_by_one.shape):
         one_by_one.ravel()[pixel] = True
-    assert (rasterizer.mask(corners, one_by_one.shape) == one_by_one).all() and one_by_one.any()
+    assert (silhouette.mask(corners, one_by_one.shape) == one_by_one).all() and one_by_one.any()
 
 
 def test_what_is_seen_is_the_nearest_triangle_with_its_weights(monkeypatch):
@@ -48,7 +48,7 @@ def test_what_is_seen_is_the_nearest_triangle_with_its_weights(monkeypatch):
     corners = random.uniform(0, 40, (50, 3, 2))
     depth = random.uniform(1, 9, (50, 3))
     pixel, triangle, weights = rasterizer.nearest(corners, depth, (40, 40))
-    assert len(np.unique(pixel)) == len(pixel) == rasterizer.mask(corners, (40, 40)).sum()
+    assert len(np.unique(pixel)) == len(pixel) == silhouette.mask(corners, (40, 40)).sum()
     at = np.einsum("kc,kcd->kd", weights, corners[triangle])
     np.testing.assert_allclose(at, np.stack([pixel % 40, pixel // 40], 1) + 0.5, atol=1e-9)
     seen = (weights * depth[triangle]).sum(axis=1)
@@ -64,7 +64,7 @@ def test_what_is_seen_is_the_nearest_triangle_with_its_weights(monkeypatch):
 @pytest.mark.parametrize("seed", range(5))
 def test_shift_is_the_hausdorff_distance_of_the_areas_by_brute_force(seed):
     random = np.random.default_rng(seed)
-    one, other = (rasterizer.mask(random.uniform(0, 40, (3, 3, 2)), (40, 50)) for _ in range(2))
+    one, other = (silhouette.mask(random.uniform(0, 40, (3, 3, 2)), (40, 50)) for _ in range(2))
     a = np.argwhere(one)
     b = np.argwhere(other)
     apart = np.linalg.norm(a[:, None] - b[None], axis=2)

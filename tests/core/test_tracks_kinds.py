@@ -160,6 +160,8 @@ REFUSED = {
                                                     r"row"),
     "two ids in one "
     "float": ("id,frame,x,y\n9007199254740992,0,1,1\n9007199254740993,1,1,1\n", "has the id 9.*whole numbers"),
+    "a short row of steps": ("pedestrianId simTime endTime-PID1 startX-PID1 startY-PID1 endX-PID1\n"
+                             "1 0 1 0\n", "6 titles .* and 4 values in its first row"),
     "comments": ("# framerate: 25\n# nothing\n", "has no rows"),
     "thousands": ('id,frame,x,y\n1,0,"1,500",0\n', 'Line 2 of .* has x "1,500"'),
     "one line": ("id,frame,x,y\n" + "1," * 2**20, "has a line of more than"),
@@ -232,6 +234,17 @@ def test_ids_of_a_database_are_exact_or_refused(tmp_path):
         made.execute("UPDATE trajectory_data SET id = 1.5 WHERE id = 346")
     made.close()
     with pytest.raises(CrowdError, match="crowd.sqlite has the id 1.5: give agents whole numbers"):
+        read_rows(path)
+
+
+def test_a_database_that_tells_no_rate_or_a_huge_version_is_read_or_refused_at_once(tmp_path):
+    path = tmp_path / "crowd.sqlite"
+    database(path, fps="")
+    assert read_rows(path).rate == 0
+    with sqlite3.connect(path) as made:
+        made.execute("UPDATE metadata SET value = ? WHERE key = 'version'", ["3" * 2**20])
+    made.close()
+    with pytest.raises(CrowdError, match="crowd.sqlite is not one of JuPedSim's, or damaged"):
         read_rows(path)
 
 

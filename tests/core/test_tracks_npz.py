@@ -61,6 +61,13 @@ BAD = {
     "a far frame": lambda path: reading.write_npz(path, rows(frame=np.full(20, -1e300))),
     "broken ids": lambda path: reading.write_npz(path, rows(id=np.full(20, 1.5))),
     "texts for numbers": lambda path: reading.write_npz(path, rows(x=np.full(20, "a"))),
+    "one id alone": lambda path: np.savez(path, id=5, frame=[1], x=[0.0], y=[0.0]),
+    "ids that are too large": lambda path: np.savez(
+        path, id=np.array([2**63], np.uint64), frame=[1], x=[0.0], y=[0.0]
+    ),
+    "halves without an end": lambda path: np.savez(
+        path, id=[1], frame=[1], x=np.array([np.inf], np.float16), y=[0.0]
+    ),
     "groups of fractions": lambda path: reading.write_npz(path, rows(group=np.full(20, 0.5))),
 }
 

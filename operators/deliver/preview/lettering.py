@@ -72,7 +72,9 @@ def write(
     left, low = np.floor(at.min(axis=0)).astype(int).clip(0)
     part = sheet[low : int(at[:, 1].max()) + 2, left : int(at[:, 0].max()) + 2]
     rows, columns = part.shape[:2]
-    ink = rasterizer.mask(((at - (left, low)) * finer)[triangles], (rows * finer, columns * finer))
+    ink = rasterizer.covered(
+        ((at - (left, low)) * finer)[triangles], (rows * finer, columns * finer)
+    )
     part += ink.reshape(rows, finer, columns, finer).mean(axis=(1, 3))[..., None] * (
         np.array(color) - part
     )

@@ -1,7 +1,6 @@
 """Batch preview: two pictures and a table row per frame, plan, contact sheet."""
 
 import contextlib
-import tempfile
 import time as clock
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
@@ -18,7 +17,7 @@ from ....crowd_lod.frame.frame_range import spread_evenly
 from ....crowd_lod.frame.index_cache import approach
 from ....crowd_lod.frame.planned import note_of, unplanned_notes
 from ....crowd_lod.levels.assignment import deviations
-from ....crowd_lod.output import tables
+from ....crowd_lod.output import files, tables
 from ....crowd_lod.output.file_checks import save_png
 from ....crowd_lod.output.frame_parts import FrameParts
 from ....crowd_lod.output.html_report import page
@@ -98,9 +97,7 @@ def preview(
         on = staged(scene, task)
         yield from work.take(unsure(_with_levels(on.stage)), lacking_seconds(on.stage))
         plan_folder = (
-            folder
-            if sharing.part is None
-            else Path(opened.enter_context(tempfile.TemporaryDirectory()))
+            folder if sharing.part is None else opened.enter_context(files.temporary_folder())
         )
         crowd = read_crowd(on.stage)  # the LODs are there now
         lacks_plan = _lacks_plan(crowd, task)

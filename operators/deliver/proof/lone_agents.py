@@ -26,6 +26,15 @@ from ..preview.lettering import labeled_sheet
 from .verify_pictures import AGENT_TITLES, amplified
 
 SAMPLES = 4  # a pixel
+# settings of the scene's renders
+TAKEN_OVER = (
+    "fps",
+    "fps_base",
+    "frame_map_old",
+    "frame_map_new",
+    "use_simplify",
+    "simplify_subdivision_render",
+)
 # pixels of a crop across the shift that is allowed, as far as its larger side then has no more than
 # LARGEST; a pixel of the final picture has one at least
 ACROSS = 8
@@ -78,7 +87,7 @@ class LoneStage:
         render = self.stage.render
         cycles = self.stage.cycles
         own = scene.render
-        for name in ("fps", "fps_base", "frame_map_old", "frame_map_new"):
+        for name in TAKEN_OVER:
             setattr(render, name, getattr(own, name))
         render.engine = "CYCLES"
         render.film_transparent = True

@@ -13,7 +13,7 @@ from ....crowd_lod.format import printable
 from ....crowd_lod.messages import Message, MessageKind
 from ...blender import scene_data
 from ...blender.materials import images_of
-from ...blender.named_actions import action_names
+from ...blender.named_actions import find_action
 from ...settings.crowds import crowds_of
 from ..machine.scene_world import machine_of
 from .rig_needs import Characters
@@ -87,10 +87,8 @@ def _slides(
 
 
 def _title(group: Group, action: Action) -> str:
-    return next(
-        (name for name in action_names(group.name, action.name) if name in bpy.data.actions),
-        action.name,
-    )
+    found = find_action(group.name, action.name)
+    return found.name if found else action.name
 
 
 def notes_on_images(characters: Characters) -> Iterator[Message]:

@@ -8,6 +8,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
+from ...blender import mesh_data
 from ...blender.animation import curves_of, players_in, span_of
 from ...blender.character_objects import GEOMETRY, may_have_faces
 from ...blender.ownership import OWNED
@@ -113,8 +114,7 @@ def _points_at_rest(root: bpy.types.Object, shapes: Iterable[bpy.types.Object]) 
     points = [np.empty((0, 3))]
     for item in shapes:
         if item.type == "MESH" and len(item.data.vertices):
-            own = np.empty((len(item.data.vertices), 3), np.float32)
-            item.data.vertices.foreach_get("co", own.ravel())
+            own = mesh_data.vertices_of(item.data)
         else:
             own = np.array(item.bound_box)
         points.append(_placed(own, _first_matrix(item)))

@@ -9,6 +9,7 @@ from ....crowd_lod.crowd.agents import Action, Group
 from ....crowd_lod.crowd.strides import Plays
 from ....crowd_lod.errors import CrowdError
 from ....crowd_lod.levels.assignment import MOST_LEVELS
+from ...blender.named_actions import find_action
 
 # What settings and Group call the same. `on_ground` comes after `center`, which its update moves,
 # and before `lowest`, without which it moves nothing.
@@ -129,6 +130,7 @@ def store_groups(settings, groups: tuple[Group, ...]) -> None:
         entry.actions.clear()
         for action in group.actions:
             stored = entry.actions.add()
+            stored.action = find_action(group.name, action.name)
             for name in OF_ACTIONS:
                 setattr(stored, name, getattr(action, name))
         entry.shaded = (*group.shaded, *[-1] * (MOST_LEVELS - len(group.shaded)))

@@ -14,6 +14,7 @@ from ....crowd_lod.messages import Message, MessageKind
 from ....crowd_lod.sources.trajectory import Trajectory
 from ....crowd_lod.world.height_map import HeightMap
 from ....crowd_lod.world.maps import (
+    COLUMNS,
     FARTHEST,
     Area,
     LabelMap,
@@ -21,6 +22,7 @@ from ....crowd_lod.world.maps import (
     labels_from_colors,
     lay_over,
 )
+from ....crowd_lod.world.spawn_places import allowed_agents, without_heading
 from ....crowd_lod.world.terrain import Terrain, upward
 from ...blender import image_data, mesh_data, provenance, scene_cache, scene_data
 from ...blender.character_objects import group_of
@@ -92,16 +94,45 @@ def area_of(crowd) -> Area:
     return area
 
 
+def has_map(crowd) -> bool:
+    """Return whether an image or meshes lie over the crowd's rectangle."""
+    images = crowd.map_image, crowd.height_image, crowd.areas_image if len(crowd.areas) else None
+    return any(image is not None for image in images)
+
+
+def _open_ground(crowd, machine: machines.StateMachine) -> LabelMap:
+    """Return edge_map of the crowd's rectangle; of a larger one, if places where the crowd spawns
+    lie beyond it or on its edges.
+    """
+    area = area_of(crowd)
+    world = edge_map(area, machine.labels)
+    mesh = crowd.spawn_places
+    if has_map(crowd) or mesh is None:
+        return world
+    points = mesh_data.vertices_of(mesh).astype(np.float64)
+    points = points[np.isfinite(points).all(axis=1)]
+    if allowed_agents(without_heading(points), machine, world).all():
+        return world
+    reach = float(np.abs(points[:, :2]).max())
+    _check_reach(crowd.id_data, f"What {crowd.name} spawns on", reach, "place")
+    low = np.minimum(points[:, :2].min(axis=0), (area.x_min, area.y_min))
+    high = np.maximum(points[:, :2].max(axis=0), (area.x_max, area.y_max))
+    edge = (high - low) / (COLUMNS - 3)  # a little more than a column
+    larger = Area(*(low - edge).tolist(), *(high + edge).tolist(), area.z)
+    return edge_map(larger, machine.labels)
+
+
 def world_of(crowd, machine: machines.StateMachine) -> LabelMap:
     """Return the label map of the crowd.
 
-    Without an image it is edge_map's. The labels of meshes lie over it. CrowdError if it lies too
-    far from the world's origin, or if too many of the image's colors are not those of the labels.
+    Without an image it is edge_map's, as large as needed for the places where agents spawn. The
+    labels of meshes lie over it. CrowdError if it lies too far from the world's origin, or if too
+    many of the image's colors are not those of the labels.
     """
-    area = area_of(crowd)
     over = crowd.areas_image if len(crowd.areas) else None
     if crowd.map_image is None and over is None:
-        return edge_map(area, machine.labels)
+        return _open_ground(crowd, machine)
+    area = area_of(crowd)
     if over is not None and not areas_hold(crowd, machine):
         raise CrowdError(
             "The walls and areas were laid over another ground, map or state machine: press "
@@ -258,8 +289,7 @@ def terrain_of(crowd, z: float) -> Terrain | None:
     meters = scene_data.meters(crowd.id_data)
 
     def read() -> Terrain:
-        points = np.empty((len(mesh.vertices), 3), np.float32)
-        mesh.vertices.foreach_get("co", points.ravel())
+        points = mesh_data.vertices_of(mesh)
         triangles = np.empty(len(mesh.loops), np.int32)
         mesh.loops.foreach_get("vertex_index", triangles)
         return Terrain(points[triangles].astype(np.float64).reshape(-1, 3, 3), z, meters)

@@ -12,6 +12,7 @@ from ....crowd_lod.crowd.agents import Crowd, Draw, Group
 from ....crowd_lod.crowd.bounds import cover_sizes, cover_wardrobes
 from ....crowd_lod.crowd.state_machine import StateMachine
 from ....crowd_lod.errors import CrowdError
+from ....crowd_lod.format import number
 from ....crowd_lod.messages import Message, MessageKind
 from ....crowd_lod.progress import Workload, run_in_thread
 from ....crowd_lod.sources.changed import Dressed
@@ -21,7 +22,8 @@ from ....crowd_lod.sources.trajectory import Trajectory
 from ....crowd_lod.tracks.reading import groups_of_agents
 from ....crowd_lod.world import spawn_places
 from ....crowd_lod.world.first_frame import populate
-from ....crowd_lod.world.maps import LabelMap
+from ....crowd_lod.world.maps import Area, LabelMap
+from ....crowd_lod.world.spawn_places import Places
 from ....crowd_lod.world.terrain import Ground, Terrain
 from ...blender import image_data, scene_cache, scene_data, stored_values
 from ...settings.crowds import crowds_of
@@ -118,12 +120,33 @@ def notes(crowds: Sequence, trajectory: Trajectory) -> Iterator[Message]:
     """Yield messages on shortcomings of the crowds' places and terrain."""
     for crowd, part in zip(crowds, trajectory.parts, strict=True):
         yield from scene_world.terrain_notes(crowd, part)
-        if isinstance(part, Walk) and crowd.spawn_on != "RECTANGLE":
+        if isinstance(part, Walk) and crowd.spawn_on != "RECTANGLE" and not part.seated:
             places = spawn_source.places_of(crowd, part.world.area)
-            lost = len(places or ()) - len(part.start)
-            if lost:
-                facts = {"lost": lost, "places": len(places or ())}
-                yield Message(MessageKind.PLACES_LEFT_OUT, facts=facts)
+            for message in _left_out(crowd, places, len(part.start), part.world.area):
+                yield replace(message, crowd=crowd.name if len(crowds) > 1 else "")
+
+
+def _left_out(crowd, places: Places, started: int, area: Area) -> Iterator[Message]:
+    """Yield messages on the places that are left out, off the crowd's rectangle or by a label.
+
+    started: at how many places agents start.
+    """
+    x, y, _ = places.points.T
+    outside = int(np.count_nonzero(~area.holds(x, y)))
+    if outside:
+        facts = {"lost": outside, "places": len(places), "size": list(area.size)}
+        fits = {"fits": _fitting_size(crowd, places)}
+        yield Message(MessageKind.PLACES_OUTSIDE, facts=facts | fits)
+    lost = len(places) - outside - started
+    if lost:
+        facts = {"lost": lost, "places": len(places), "map": scene_world.has_map(crowd)}
+        yield Message(MessageKind.PLACES_ON_LABELS, facts=facts)
+
+
+def _fitting_size(crowd, places: Places) -> list[float]:
+    """Return the Size, about the crowd's Center, that holds all places: whole units."""
+    beside = np.abs(places.points[:, :2] - np.array(crowd.center[:2])).max(axis=0)
+    return np.ceil(np.maximum(2 * beside, crowd.size)).tolist()
 
 
 def _images(crowd) -> tuple:
@@ -329,12 +352,23 @@ def _start(crowd, machine: StateMachine, world: LabelMap, groups: Draw) -> tuple
     if not seated:
         able = spawn_places.allowed_agents(places, machine, world)
         if not able.any():
-            raise CrowdError(
-                f"None of the {len(places):,} places of {crowd.name} lies on the label map "
-                f"where its labels let agents start: move Center, enlarge Size, or paint such a label there."
-            )
+            raise CrowdError(_no_place(crowd, places, world.area))
         places = places.of(np.flatnonzero(able))
     return spawn_places.settle(places, crowd.seed, groups, machine, world), seated
+
+
+def _no_place(crowd, places: Places, area: Area) -> str:
+    """Return why agents start at none of the places."""
+    if not area.holds(*places.points.T[:2]).any():
+        width, depth = map(number, _fitting_size(crowd, places))
+        return (
+            f"All {len(places):,} places of {crowd.name} lie outside the crowd's area: set Size to "
+            f"{width} x {depth}, or move Center."
+        )
+    return (
+        f"At none of the {len(places):,} places of {crowd.name} the label map lets agents start: "
+        f"paint a label there that does, or move what they spawn on."
+    )
 
 
 def _cached(data: bytes, make: Callable[[], Trajectory]) -> Trajectory:

@@ -1,6 +1,5 @@
 """From an object's points, frame by frame, to a file of tracks, so that all frames are known."""
 
-import tempfile
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -76,9 +75,9 @@ def shared_record(scene: bpy.types.Scene, frames: Sequence[int] = ()) -> Iterato
     if scene.session_uid in _shared:
         yield
         return
-    with tempfile.TemporaryDirectory() as folder:
+    with files.temporary_folder() as folder:
         uid = scene.session_uid
-        _shared[uid] = _PointsRecord(Path(folder), frames)
+        _shared[uid] = _PointsRecord(folder, frames)
         try:
             yield
         finally:

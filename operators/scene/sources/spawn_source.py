@@ -67,9 +67,8 @@ def places_of(crowd, area: Area) -> Places | None:
 
 
 def _kept_places(mesh: bpy.types.Mesh) -> Places:
-    points = np.empty((len(mesh.vertices), 3), np.float32)
+    points = mesh_data.vertices_of(mesh)
     heading = np.empty(len(mesh.vertices), np.float32)
-    mesh.vertices.foreach_get("co", points.ravel())
     mesh.attributes[HEADING].data.foreach_get("value", heading)
     return Places(points.astype(np.float64), heading)
 
@@ -201,9 +200,8 @@ def _curves(
     shape = bare or evaluated
     try:
         mesh = shape.to_mesh()
-        points = np.empty((len(mesh.vertices), 3), np.float32)
+        points = mesh_data.vertices_of(mesh)
         edges = np.empty((len(mesh.edges), 2), np.int32)
-        mesh.vertices.foreach_get("co", points.ravel())
         mesh.edges.foreach_get("vertices", edges.ravel())
         shape.to_mesh_clear()
     except RuntimeError:
