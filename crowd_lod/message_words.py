@@ -41,7 +41,7 @@ def lines_of(messages: Iterable[Message], label_of: Callable[[str], str]) -> lis
         first = several[0]
         sentence = WORDS[first.kind](several, label_of(first.remedy) if first.remedy else "")
         lines.append(Line(f"{first.crowd}: {sentence}" if first.crowd else sentence, first.remedy))
-    return lines
+    return list(dict.fromkeys(lines))
 
 
 def _facts(several: Sequence[Message], name: str) -> list[Any]:
@@ -381,31 +381,30 @@ def _places_on_labels(several: Sequence[Message], _: str) -> str:
 OF_LODS = {
     MessageKind.SAVES_LITTLE: "save less than a fifth of the {finer} of the next finer LOD",
     MessageKind.BESIDE_GIVEN: "save too little beside a given LOD of {given}",
-    MessageKind.DEVIATES_AS_MUCH: "deviate as much as {fewer} triangles, or more",
-    MessageKind.NEVER_ALIKE: "do not look like the character from any distance",
+    MessageKind.DEVIATES_AS_MUCH: "deviate as much as one of {fewer}, or more",
+    MessageKind.NEVER_ALIKE: "not look like the character from any distance",
     MessageKind.TOO_COARSE: (
         "show more than the tolerance at any distance, for the camera is orthographic"
     ),
     MessageKind.TOO_FINE: (
-        "are more than the tolerance needs at any distance, for the camera is orthographic"
+        "be finer than the tolerance needs at any distance, for the camera is orthographic"
     ),
-    MessageKind.BEGINS_TOO_FAR: (
-        "would begin {begin} m away, and the farthest agent is {farthest} m away"
-    ),
-    MessageKind.ENDS_TOO_NEAR: "would end {end} m away, and the nearest agent is {nearest} m away",
+    MessageKind.BEGINS_TOO_FAR: "begin {begin} m away, and the farthest agent is {farthest} m away",
+    MessageKind.ENDS_TOO_NEAR: "end {end} m away, and the nearest agent is {nearest} m away",
     MessageKind.TOO_FEW: (
-        "are too few for all agents in {few} of the {frames} frames checked, and more than needed "
-        "in the others"
+        "be too coarse for all agents in {few} of the {frames} frames checked, and finer than "
+        "needed in the others"
     ),
-    MessageKind.NOT_WORTH_IT: "save too little memory and time in {engine} to be worth a LOD",
+    MessageKind.NOT_WORTH_IT: "save too little memory and time in {engine} to be worth it",
 }
 
 
 def _not_made(several: Sequence[Message], _: str) -> str:
     facts = several[0].facts
-    about = "" if facts["measured"] else "About "
-    why = OF_LODS[several[0].kind].format(**_in_words(several[0]))
-    return f"{_subjects(several)}: {about}{facts['triangles']:,} triangles {why}."
+    about = "" if facts["measured"] else "about "
+    triangles = counted(facts["triangles"], "triangle")
+    would = OF_LODS[several[0].kind].format(**_in_words(several[0]))
+    return f"{_subjects(several)}: a LOD of {about}{triangles} would {would}."
 
 
 WORDS: dict[MessageKind, Callable[[Sequence[Message], str], str]] = {

@@ -14,8 +14,9 @@ SLOW = 0.1  # m/s; nobody walks so slowly
 RUNS = 4.0  # m/s; people in a crowd do not walk faster
 HASTE = 2.2  # m/s; a recorded crowd whose median is faster has another frame rate or unit
 CLIMBS = 0.8  # meters for each meter of the way; a crowd that climbs more has another axis up
-# meters: the crowd stays within the first in y while its heights spread over the second
+# meters: the crowd stays within the first in y while its heights spread over the second in a strip
 FLAT = 0.05, 1.0
+STRIP = 1.0  # meters along x
 OFF = 0.1  # meters above or below the ground from which people float or sink
 FEW = 0.05  # of the agents: so many may be off the ground, on a step or a curb
 POSE = 0.1  # seconds for which a pose may stand
@@ -61,15 +62,22 @@ def check_speeds(speeds: np.ndarray, most: float) -> float | None:
     return None if SLOW <= median <= most else median
 
 
-def check_climbs(
-    ways: np.ndarray, rises: np.ndarray, sides: np.ndarray, heights: np.ndarray
-) -> bool:
+def check_climbs(ways: np.ndarray, rises: np.ndarray, places: np.ndarray) -> bool:
     """Return whether z rises as the ground's second axis would: another axis is up.
 
+    Where axes are exchanged, y hardly varies, and agents pass the same x at many z. A ramp has one
+    height at each x.
+
     ways, rises: (k,) meters of each step, in the plane and along z.
-    sides, heights: y and z of the places, meters. Where the axes are exchanged, y hardly varies.
+    places: (3, n) meters.
     """
-    is_flat = np.ptp(sides) < FLAT[0] and np.ptp(heights) > FLAT[1]
+    x, y, z = places
+    strip = np.floor((x - x.min()) / STRIP).astype(np.intp)
+    lowest = np.full(strip.max() + 1, np.inf)
+    highest = -lowest
+    np.minimum.at(lowest, strip, z)
+    np.maximum.at(highest, strip, z)
+    is_flat = np.ptp(y) < FLAT[0] and (highest - lowest).max() > FLAT[1]
     return bool(is_flat or np.abs(rises).sum() > CLIMBS * ways.sum())
 
 

@@ -1,6 +1,6 @@
 """The objects of a character group: those with a shape, and props, which some agents have."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import bpy
 
@@ -78,14 +78,19 @@ def parts(
                 f"{item.instance_collection.name}: put that "
                 "collection in its place, or make the instance real (Object > Apply)."
             )
-    bones = [bone for item in objects if item.type == "ARMATURE" for bone in item.pose.bones]
-    shapes = {bone.custom_shape for bone in bones}
+    shapes = bone_shapes(objects)
     surfaces = [item for item in objects if item.type in GEOMETRY and item not in shapes]
     inside = [] if isinstance(owner, bpy.types.Object) else owner.children_recursive
     hidden = {
         item for collection in inside if collection.hide_render for item in collection.all_objects
     }
     return [item for item in surfaces if not item.hide_render and item not in hidden] or surfaces
+
+
+def bone_shapes(objects: Iterable[bpy.types.Object]) -> set[bpy.types.Object]:
+    """Return the objects that the bones of rigs among `objects` are drawn as."""
+    rigs = [item for item in objects if item.type == "ARMATURE"]
+    return {bone.custom_shape for rig in rigs for bone in rig.pose.bones} - {None}
 
 
 def may_have_faces(item: bpy.types.Object) -> bool:

@@ -129,9 +129,13 @@ def job_sentence(job: FarmJob) -> str:
 
 
 def outside_files() -> list[Path]:
-    """Return the files that the open file reads from elsewhere: images, libraries, caches."""
-    paths = bpy.utils.blend_paths(absolute=True, packed=False)
-    return sorted({Path(path) for path in paths if path})
+    """Return the files that the open file reads from elsewhere: images, libraries, caches.
+
+    Those that come with Blender, such as the file of its brushes, are on each machine.
+    """
+    paths = map(Path, filter(None, bpy.utils.blend_paths(absolute=True, packed=False)))
+    own = Path(bpy.utils.system_resource("DATAFILES"))
+    return sorted({path for path in paths if not path.is_relative_to(own)})
 
 
 def readme_of(job: FarmJob, size: str, paths: Sequence[Path]) -> str:

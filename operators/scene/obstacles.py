@@ -10,7 +10,9 @@ from mathutils import Matrix, Vector
 from ...crowd_lod.behavior.walk import Walk
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import mesh_data, scene_data
+from ..blender.character_objects import bone_shapes
 from ..blender.ownership import OWNED
+from .characters.character_place import parents_of
 from .machine.map_areas import meshes_in
 from .machine.scene_world import area_of
 
@@ -96,6 +98,21 @@ def look_around(
         ["" if wall else pair[0] or pair[1] for pair, wall in zip(names, walls, strict=True)],
         walls,
     )
+
+
+def no_scenery(scene: bpy.types.Scene) -> set[bpy.types.Object]:
+    """Return the objects that are neither ground nor walls.
+
+    They are the characters, whatever else hangs on a rig or follows one, such as what a file
+    brought along that only gave an action, and the shapes of bones.
+    """
+    hanging = {item for item in scene.objects if _follows_rig(item)}
+    return {*scene.crowd_lod.characters.all_objects, *hanging, *bone_shapes(scene.objects)}
+
+
+def _follows_rig(item: bpy.types.Object) -> bool:
+    deforms = (each.object for each in item.modifiers if each.type == "ARMATURE")
+    return any(deforms) or any(parent.type == "ARMATURE" for parent in parents_of(item))
 
 
 def shapes_near(
@@ -221,7 +238,7 @@ def find_obstacles(
     common = {name for name in names if names.count(name) >= GROUND * len(names)}
     walls = {item for entry in crowd.areas if entry.use for item in meshes_in(entry)}
     left_out = {
-        *scene.crowd_lod.characters.all_objects,
+        *no_scenery(scene),
         *walls,
         crowd.terrain_object,
         crowd.spawn_object,

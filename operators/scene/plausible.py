@@ -20,7 +20,7 @@ from ...crowd_lod.world.terrain import Terrain
 from ..blender import scene_data
 from .characters.character_extent import unknown
 from .characters.rig_needs import POSES, Characters, refusal
-from .obstacles import find_obstacles, look_around
+from .obstacles import find_obstacles, look_around, no_scenery
 
 # times the largest sphere's radius, where a sphere is not known to hold its whole character
 MARGIN = 1.5
@@ -89,7 +89,8 @@ def _motion(crowd, part: Trajectory) -> Iterator[Message]:
         samples = part.tracks.samples
         if samples.z is not None:
             heights = samples.z * meters
-            if judge.check_climbs(ways, steps[2] * meters, samples.y * meters, heights):
+            places = np.stack([samples.x, samples.y, samples.z]) * meters
+            if judge.check_climbs(ways, steps[2] * meters, places):
                 yield Message(MessageKind.CLIMBS, facts={"height": float(np.ptp(heights))})
     elif isinstance(part, Walk):
         paces = part.gaits.paces.speeds * meters
@@ -129,7 +130,7 @@ def _around(
     if not len(places):
         return
     height = float(np.median([group.height for group in groups])) / 2 or 1.0 / meters
-    left_out = {crowd.points, *scene.crowd_lod.characters.all_objects}
+    left_out = {crowd.points, *no_scenery(scene)}
     around = look_around(depsgraph, places, height, meters, left_out)
     within = np.array([bool(wall) for wall in around.walls])
     obstacles = find_obstacles(crowd, depsgraph, part, places, around.names)

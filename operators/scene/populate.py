@@ -65,7 +65,7 @@ def populate_scene(
         trajectory = crowd_sources.populate_crowds(scene, groups, depsgraph)
         finding = run_in_thread(lambda: find(trajectory, scene_data.meters(scene)))
         troubles = yield from work.take(finding)
-        warnings = list(_warnings(scene, groups, crowds, trajectory, depsgraph))
+        warnings = _once(groups, list(_warnings(scene, groups, crowds, trajectory, depsgraph)))
     store_groups(settings, groups)
     note_crowd(scene, made_of)
     place_levels(scene)
@@ -82,6 +82,17 @@ def populate_scene(
     ]
     told = [line.sentence for line in in_words(warnings)]
     return " ".join(filter(None, sentences)), told
+
+
+def _once(groups: Sequence[Group], messages: Sequence[Message]) -> list[Message]:
+    """Return the messages without those on worn parts that their wearers have, too."""
+    wearers = {group.name: group.variant_of for group in groups if group.variant_of}
+    told = [(message.kind, message.subject, message.facts) for message in messages]
+    return [
+        message
+        for message in messages
+        if (message.kind, wearers.get(message.subject), message.facts) not in told
+    ]
 
 
 def _warnings(

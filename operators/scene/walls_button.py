@@ -16,7 +16,7 @@ from ..settings import needs
 from ..settings.crowds import crowds_of, index_of_active
 from .machine import map_areas
 from .machine.scene_world import machine_of, machine_text
-from .obstacles import find_obstacles, look_around
+from .obstacles import find_obstacles, look_around, no_scenery
 from .plausible import places_of
 from .scene_crowd import trajectory_of
 
@@ -58,7 +58,7 @@ def _in_the_way(
     the active crowd, but for the ground.
     """
     settings = scene.crowd_lod
-    left_out = set(settings.characters.all_objects)
+    left_out = no_scenery(scene)
     parts = trajectory_of(scene).parts
     active = index_of_active(settings)
     for index, (crowd, part) in enumerate(zip(crowds_of(settings), parts, strict=True)):

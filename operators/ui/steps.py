@@ -70,6 +70,9 @@ def messages(scene: bpy.types.Scene) -> list[Told]:
     lines += _warnings(message for message in found if message.kind not in LIVE)
     if note := notes_on_file(settings):
         lines.append(Told(note, "INFO"))
-    said = {line.sentence for line in lines}
     notes = drawn_frame.notes if drawn_frame else ()
-    return [*lines, *(Told(note, "INFO") for note in notes if note not in said)]
+    lines += [Told(note, "INFO") for note in notes]
+    first: dict[str, Told] = {}
+    for line in lines:
+        first.setdefault(line.sentence, line)
+    return list(first.values())

@@ -77,6 +77,17 @@ def test_a_selected_rig_takes_its_meshes_along_and_a_mesh_its_rig(stage, capfd):
     assert stage.crowd_lod.characters.children["Bert"]["stride"] == 1.5
 
 
+def test_empties_that_importers_put_at_the_ends_of_bones_come_along(stage, capfd):
+    leaf = new("leaf", None)
+    stage.collection.objects.link(leaf)
+    leaf.parent = stage.objects["Anna"]
+    leaf.parent_type = "BONE"
+    leaf.parent_bone = stage.objects["Anna"].data.bones[0].name
+    press(stage.objects["Anna"], leaf)
+    assert groups() == {"Anna": ["Anna", "body", "coat", "hat", "leaf"]}
+    assert "Left where they are" not in capfd.readouterr().out
+
+
 def test_all_selected_is_a_group_for_each_character_and_names_what_is_left(stage, capfd):
     press(*stage.objects)
     assert groups() == {

@@ -1,6 +1,7 @@
 """Hand Over: what an output needs, how large it is once it is written, the job from the panel."""
 
 import json
+from pathlib import Path
 
 import bpy
 import pytest
@@ -58,6 +59,9 @@ def test_a_job_of_the_panel_lies_with_its_scene_and_says_what_it_needs(shot, tmp
     bpy.ops.crowd_lod.make_levels()
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
     shot.crowd_lod.frames_per_task = 1
+    brushes = next(Path(bpy.utils.system_resource("DATAFILES")).glob("assets/brushes/*.blend"))
+    with bpy.data.libraries.load(str(brushes), link=True) as (there, wanted):
+        wanted.brushes = there.brushes[:1]
     assert bpy.ops.crowd_lod.write_farm_job() == {"FINISHED"}
     folder = output_folder(shot, "farm")
     template = json.loads((folder / "template.json").read_text(encoding="utf-8"))
@@ -66,6 +70,7 @@ def test_a_job_of_the_panel_lies_with_its_scene_and_says_what_it_needs(shot, tmp
     values = json.loads((folder / "parameter_values.json").read_text(encoding="utf-8"))
     assert values == {"parameterValues": []} and (folder / "crowd_lod.js").is_file()
     said = (folder / "README.txt").read_text(encoding="utf-8")
+    assert brushes.name not in said  # each Blender has its own
     assert "2 tasks of up to 1 frame" in said and "with Crowd LOD" in said
     bpy.ops.wm.open_mainfile(filepath=str(folder / "shot.blend"))
     assert bpy.context.scene.crowd_lod.levels is not None

@@ -3,9 +3,11 @@
 import bpy
 import numpy as np
 import pytest
+from crowd_lod_extension.operators.scene.machine.scene_world import objects_of
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
+from crowd_lod_extension.operators.settings.crowds import first_crowd
 
-from ..support.characters import new
+from ..support.characters import new, rig
 from ..support.messages import told
 from .test_plausible import block, place, scene, warnings_of  # noqa: F401 - scene is a fixture
 
@@ -67,3 +69,21 @@ def test_neither_characters_nor_the_ground_become_walls(street):
     bpy.ops.crowd_lod.walls_from_selection()
     assert [area.name for area in settings.areas] == ["kiosk"]
     assert "Walls from Selection" not in told(street)
+
+
+def test_what_hangs_on_a_rig_and_the_shapes_of_its_bones_are_neither_obstacle_nor_ground(street):
+    bpy.data.objects.remove(bpy.data.objects["kiosk"])
+    limb = block("limb", (-2, -2, 0), (2, 2, 3))
+    bone = block("bone", (4, 4, 0), (7, 7, 3))
+    giant = rig("giant")
+    for item in (giant, limb, bone):
+        place(item, street)
+    limb.parent = giant
+    giant.pose.bones[0].custom_shape = bone
+    assert "in the crowd's way" not in warnings_of(street)
+    home = bpy.data.collections.new("all")
+    for name in ("ground", "bone"):
+        home.objects.link(bpy.data.objects[name])
+    street.crowd_lod.terrain = home
+    crowd = first_crowd(street.crowd_lod)
+    assert [item.name for item in objects_of(crowd)] == ["ground"]

@@ -4,6 +4,7 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.messages import from_json
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.shot.shot_cost import work_in
 from crowd_lod_extension.operators.blender import scene_data
@@ -59,6 +60,15 @@ def dressed(scene):
     slot("a hat", cap, crown, none=1.0)
     slot("hair", bob, none=1.0)
     return scene
+
+
+def test_what_is_told_of_a_wearer_is_not_repeated_for_what_it_wears(dressed):
+    for item in dressed.crowd_lod.characters.all_objects:
+        if item.parent is None:
+            item.location.z += 0.4
+    bpy.ops.crowd_lod.populate()
+    told = from_json(dressed.crowd_lod.trouble)
+    assert [message.subject for message in told] == ["adult", "child"]
 
 
 def test_parts_are_agents_who_do_what_their_wearers_do(dressed):

@@ -60,17 +60,17 @@ def test_candidates_that_do_not_pay_are_dropped_with_the_reason():
         5,
     ]  # of 900, 450 too little is saved, 190 deviate less than 200, 40 begin at 76 m
     assert said(dropped) == {
-        1: "900 triangles save less than a fifth of the 1,000 of the next finer LOD.",
-        3: "450 triangles save less than a fifth of the 500 of the next finer LOD.",
-        4: "200 triangles deviate as much as 190 triangles, or more.",
-        6: "40 triangles would begin 76 m away, and the farthest agent is 40 m away.",
+        1: "a LOD of 900 triangles would save less than a fifth of the 1,000 of the next finer LOD.",
+        3: "a LOD of 450 triangles would save less than a fifth of the 500 of the next finer LOD.",
+        4: "a LOD of 200 triangles would deviate as much as one of 190, or more.",
+        6: "a LOD of 40 triangles would begin 76 m away, and the farthest agent is 40 m away.",
     }
     assert choose(LODS, 1.0, [View(straight(), 2.0, 400.0)])[0] == [0, 2, 5, 6]
     kept, dropped = choose(LODS, 1.0, [View(straight(), 30.0, 40.0)])
     assert (
         kept == [0, 5]
         and said(dropped)[2]
-        == "500 triangles would end 16 m away, and the nearest agent is 30 m away."
+        == "a LOD of 500 triangles would end 16 m away, and the nearest agent is 30 m away."
     )
 
 
@@ -79,15 +79,21 @@ def test_lods_that_artists_gave_go_before_those_that_are_about_as_coarse():
     kept, dropped = choose(LODS, 1.0, [view], given=[4])
     assert kept == [0, 2, 4, 6]  # without it 190 triangles deviate less than its 200
     assert (
-        said(dropped)[3] == "450 triangles save less than a fifth of the 500 of the next finer LOD."
+        said(dropped)[3]
+        == "a LOD of 450 triangles would save less than a fifth of the 500 of the next finer LOD."
     )
     kept, dropped = choose(LODS, 1.0, [view], given=[3])
     assert kept == [0, 3, 5, 6]
-    assert said(dropped)[2] == "500 triangles save too little beside a given LOD of 450."
+    assert (
+        said(dropped)[2]
+        == "a LOD of 500 triangles would save too little beside a given LOD of 450."
+    )
     beaten = replace(LODS, triangles=(1000, 500, 100), deviations=(0, 0.4, 0.3))
     kept, dropped = choose(beaten, 1.0, [view], given=[1])
     assert kept == [0, 2]
-    assert said(dropped)[1] == "500 triangles deviate as much as 100 triangles, or more."
+    assert (
+        said(dropped)[1] == "a LOD of 500 triangles would deviate as much as one of 100, or more."
+    )
 
 
 def test_a_zoom_and_the_tolerance_change_what_pays():
@@ -111,25 +117,27 @@ def test_the_reason_holds_in_every_frame_and_in_an_orthographic_view():
     )  # from 6, 16 and 76 m on
     one = View(straight(), 2.0, 4.0)
     other = View(straight(), 300.0, 400.0)
-    few = "are too few for all agents in 1 of the 2 frames checked"
-    many = "and more than needed in the others."
+    few = "be too coarse for all agents in 1 of the 2 frames checked"
+    many = "and finer than needed in the others."
     kept, dropped = choose(group, 1.0, [one, other])
     assert kept == [0, 3]
-    assert said(dropped) == {k: f"{n} triangles {few}, {many}" for k, n in ((1, 500), (2, 190))}
+    assert said(dropped) == {
+        k: f"a LOD of {n} triangles would {few}, {many}" for k, n in ((1, 500), (2, 190))
+    }
     tele = replace(straight(), window=Window(-0.1, 0.1, -0.1, 0.1))  # from 51 m on
     _, dropped = choose(group, 1.0, [one, View(tele, 2.0, 40.0)])
     assert (
         said(dropped)[1]
-        == "500 triangles would begin 51 m away, and the farthest agent is 40 m away."
+        == "a LOD of 500 triangles would begin 51 m away, and the farthest agent is 40 m away."
     )
     flat = View(straight(kind="ORTHO"), 2.0, 12.0)  # 1, 3 and 15 pixels
     kept, dropped = choose(group, 3.0, [flat])
     assert kept == [0, 2]
     assert said(dropped) == {
-        1: "500 triangles are more than the tolerance needs at any distance, for the camera is "
-        "orthographic.",
-        3: "40 triangles show more than the tolerance at any distance, for the camera is "
-        "orthographic.",
+        1: "a LOD of 500 triangles would be finer than the tolerance needs at any distance, for "
+        "the camera is orthographic.",
+        3: "a LOD of 40 triangles would show more than the tolerance at any distance, for the "
+        "camera is orthographic.",
     }
 
 

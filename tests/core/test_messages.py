@@ -105,6 +105,6 @@ def test_the_same_lod_of_two_characters_is_told_once_and_others_apart():
 
     lods = [unmade("Witch", 450), unmade("King", 450), unmade("King", 420, measured=False)]
     assert [line.sentence for line in lines_of(lods, str)] == [
-        "Witch, King: 450 triangles save less than a fifth of the 500 of the next finer LOD.",
-        "King: About 420 triangles save less than a fifth of the 500 of the next finer LOD.",
+        "Witch, King: a LOD of 450 triangles would save less than a fifth of the 500 of the next finer LOD.",
+        "King: a LOD of about 420 triangles would save less than a fifth of the 500 of the next finer LOD.",
     ]

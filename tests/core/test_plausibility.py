@@ -28,10 +28,15 @@ def test_a_speed_is_that_of_who_walks():
 
 def test_an_axis_that_is_up_is_found_and_stairs_are_not():
     angle = np.random.default_rng(1).uniform(-np.pi, np.pi, 500)
-    places = np.cumsum(np.sin(angle))
-    assert judge.check_climbs(np.abs(np.cos(angle)), np.sin(angle), np.zeros(500), places)
-    stairs = np.ones(500), np.full(500, 0.6), np.arange(500), 0.6 * np.arange(500)
-    assert not judge.check_climbs(*stairs)
+    places = np.array([np.cumsum(np.cos(angle)), np.zeros(500), np.cumsum(np.sin(angle))])
+    assert judge.check_climbs(np.abs(np.cos(angle)), np.sin(angle), places)
+    way = np.arange(500)
+    for y in (way, np.zeros(500)):  # the second is one agent on a ramp along x
+        assert not judge.check_climbs(
+            np.ones(500), np.full(500, 0.6), np.array([way, y, 0.6 * way])
+        )
+    crossing = np.array([way % 10, np.zeros(500), way / 50])  # y is up, and many cross a square
+    assert judge.check_climbs(np.ones(500), np.zeros(500), crossing)
 
 
 def test_who_floats_and_who_is_sunk_is_found_with_the_height():

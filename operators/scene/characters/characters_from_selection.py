@@ -8,7 +8,7 @@ import bpy
 
 from ....crowd_lod.errors import CrowdError
 from ....crowd_lod.format import counted
-from ...blender.character_objects import GEOMETRY, WITHOUT_FACES
+from ...blender.character_objects import GEOMETRY, WITHOUT_FACES, bone_shapes
 from ...blender.labeled_properties import EnumProperty
 from ...blender.operator import Reporting
 from ...settings.crowds import first_crowd
@@ -29,12 +29,7 @@ def characters_in(
     moves have as root the topmost shape, or selected empty, that they are parented to. Empties
     above all these, with no shape of others below them, come last.
     """
-    shapes = {
-        bone.custom_shape
-        for item in scene.objects
-        if item.type == "ARMATURE"
-        for bone in item.pose.bones
-    }
+    shapes = bone_shapes(scene.objects)
     usable = [item for item in scene.objects if item not in shapes and is_shape(item)]
     empties = {
         item for item in selected if item.type == "EMPTY" and item.instance_collection is None
@@ -52,7 +47,7 @@ def characters_in(
         if root[item] in roots:
             members.setdefault(root[item], [root[item]]).append(item)
     return {
-        top: list(dict.fromkeys([*items, *_empties_above(items, usable)]))
+        top: list(dict.fromkeys([*items, *_empties_of(items, usable)]))
         for top, items in members.items()
     }
 
@@ -113,20 +108,25 @@ def read_selection(
     return Reading(characters, instanced)
 
 
-def _empties_above(
+def _empties_of(
     items: Sequence[bpy.types.Object], shapes: Iterable[bpy.types.Object]
 ) -> list[bpy.types.Object]:
-    """Return the empties that `items` alone of all `shapes` are parented to, such as importers
-    make.
+    """Return the empties above and below `items`, and of no other of `shapes`.
+
+    Importers make such: a root above a rig, and the leaves at the ends of its bones.
     """
     other_shapes = set(shapes).difference(items)
-    above = dict.fromkeys(
-        parent for item in items for parent in parents_of(item) if parent.type == "EMPTY"
+    related = dict.fromkeys(
+        other for item in items for other in (*parents_of(item), *item.children_recursive)
     )
-    movable = (
-        empty for empty in above if empty.instance_collection is None and not is_fixed(empty)
-    )
-    return [empty for empty in movable if other_shapes.isdisjoint(empty.children_recursive)]
+    return [
+        empty
+        for empty in related
+        if empty.type == "EMPTY"
+        and empty.instance_collection is None
+        and not is_fixed(empty)
+        and other_shapes.isdisjoint(empty.children_recursive)
+    ]
 
 
 def _with_loose_parts_joined(

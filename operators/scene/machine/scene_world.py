@@ -25,7 +25,7 @@ from ....crowd_lod.world.maps import (
 from ....crowd_lod.world.spawn_places import allowed_agents, without_heading
 from ....crowd_lod.world.terrain import Terrain, upward
 from ...blender import image_data, mesh_data, provenance, scene_cache, scene_data
-from ...blender.character_objects import group_of
+from ...blender.character_objects import bone_shapes, group_of
 from ...blender.ownership import OWNED
 from ...settings.crowds import check_stored, crowds_of
 from . import kept_meshes
@@ -225,10 +225,15 @@ _terrains = scene_cache.Bounded(4)
 
 
 def objects_of(crowd) -> list[bpy.types.Object]:
-    """Return the objects of the crowd's terrain, sorted by name, without what Crowd LOD made."""
-    objects = {crowd.terrain_object} if crowd.terrain_object is not None else set()
+    """Return the objects of the crowd's terrain, sorted by name.
+
+    What Crowd LOD made is none, nor are shapes of bones, which importers put into the scene.
+    """
+    objects = set()
     if crowd.terrain is not None:
-        objects |= set(crowd.terrain.all_objects)
+        objects = set(crowd.terrain.all_objects) - bone_shapes(crowd.id_data.objects)
+    if crowd.terrain_object is not None:
+        objects.add(crowd.terrain_object)
     return sorted(
         (item for item in objects if not item.get(OWNED)), key=lambda item: item.name_full
     )
