@@ -167,6 +167,14 @@ def _without_faces(several: Sequence[Message], _: str) -> str:
     )
 
 
+def _hangs_outside(several: Sequence[Message], button: str) -> str:
+    hangs, wears = ("hangs", "it") if len(several) == 1 else ("hang", "them")
+    return (
+        f"{_each(several, '{subject} (on {character})')} {hangs} on a character outside its "
+        f"collection, so no agent wears {wears}: press {button}."
+    )
+
+
 def _unsaved(several: Sequence[Message], _: str) -> str:
     return (
         f"No collection holds {_subjects(several)}, on which the characters depend: Blender does "
@@ -418,6 +426,7 @@ WORDS: dict[MessageKind, Callable[[Sequence[Message], str], str]] = {
     MessageKind.UNKNOWN_EXTENT: _unknown_extent,
     MessageKind.HEIGHT: _height,
     MessageKind.STILL_POSES: _still_poses,
+    MessageKind.HANGS_OUTSIDE: _hangs_outside,
     MessageKind.WITHOUT_FACES: _without_faces,
     MessageKind.UNSAVED: _unsaved,
     MessageKind.ROOT_MOTION: _root_motion,

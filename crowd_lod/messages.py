@@ -26,6 +26,7 @@ class MessageKind(StrEnum):
     UNKNOWN_EXTENT = auto()
     HEIGHT = auto()
     STILL_POSES = auto()
+    HANGS_OUTSIDE = auto()
     WITHOUT_FACES = auto()
     UNSAVED = auto()
     ROOT_MOTION = auto()

@@ -23,7 +23,7 @@ from .deliver.usd import export
 from .lods import give_lod, make_lods
 from .plan import shot_plan
 from .scene import plan_verdict, populate, scene_crowd, walls_button
-from .scene.characters import characters_from_selection, take_action, wardrobe_buttons
+from .scene.characters import characters_from_selection, take_action, take_along, wardrobe_buttons
 from .scene.machine import machine_buttons, machine_settings, map_areas, map_painting
 from .scene.sources import record_points, simulate
 from .settings import crowd_settings, presets, properties, setting_changes, shot_settings
@@ -62,6 +62,7 @@ MODULES = (
     give_lod,
     wardrobe_buttons,
     take_action,
+    take_along,
     make_lods,
     preview,
     shot_plan,

@@ -12,7 +12,7 @@ from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import mesh_data, scene_data
 from ..blender.character_objects import bone_shapes
 from ..blender.ownership import OWNED
-from .characters.character_place import parents_of
+from .characters.character_place import carriers_of
 from .machine.map_areas import meshes_in
 from .machine.scene_world import area_of
 
@@ -112,7 +112,7 @@ def no_scenery(scene: bpy.types.Scene) -> set[bpy.types.Object]:
 
 def _follows_rig(item: bpy.types.Object) -> bool:
     deforms = (each.object for each in item.modifiers if each.type == "ARMATURE")
-    return any(deforms) or any(parent.type == "ARMATURE" for parent in parents_of(item))
+    return any(deforms) or any(each.type == "ARMATURE" for each in carriers_of(item))
 
 
 def shapes_near(

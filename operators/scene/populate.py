@@ -27,6 +27,7 @@ from .characters.characters import (
 from .characters.group_measuring import measuring_groups
 from .characters.motionless import notes_on_motion
 from .characters.stored_groups import store_groups
+from .characters.take_along import notes_on_hanging
 from .machine import kept_meshes, map_areas
 from .machine.scene_world import check_maps
 from .plausible import notes_on_extent, notes_on_feet, notes_on_plausibility
@@ -109,6 +110,7 @@ def _warnings(
     yield from notes_on_extent(scene, characters, groups)
     yield from notes_on_plausibility(scene, characters, groups, crowds, trajectory.parts, depsgraph)
     yield from crowd_sources.notes(crowds, trajectory)
+    yield from notes_on_hanging(scene)
     yield from notes_on_left_out(scene)
     yield from notes_on_unsaved(characters)
     yield from notes_on_actions(scene, groups)

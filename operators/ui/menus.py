@@ -31,6 +31,7 @@ WORK = (
     "give_lod",
     "take_action",
     "stand_still",
+    "take_along",
     "simulate",
     "make_levels",
     "inspect",

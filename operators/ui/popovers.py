@@ -18,7 +18,11 @@ from . import steps
 from .drawing import LOD_COLORS, MOST_ROWS, button, distance, label, paragraph, table
 
 LETTERS = 62  # in a line of a popover
-REMEDY_ICONS = {"crowd_lod.take_action": "ACTION", "crowd_lod.walls_from_selection": "MOD_BUILD"}
+REMEDY_ICONS = {
+    "crowd_lod.take_action": "ACTION",
+    "crowd_lod.take_along": "OUTLINER_COLLECTION",
+    "crowd_lod.walls_from_selection": "MOD_BUILD",
+}
 BESIDE = {"crowd_lod.take_action": ("crowd_lod.stand_still",)}  # other remedies of the same thing
 
 

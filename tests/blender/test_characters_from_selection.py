@@ -121,6 +121,32 @@ def test_a_selected_empty_brings_what_hangs_on_it(stage):
     assert dict((name, origin) for name, _, origin in characters_of(stage))["stand"] == (5, 0, 0)
 
 
+@pytest.mark.parametrize("kind", ["CHILD_OF", "COPY_TRANSFORMS", "COPY_LOCATION", "ARMATURE"])
+def test_a_constraint_to_a_rig_is_as_a_parent(stage, kind):
+    """The sword hangs on a bone by way of an empty."""
+    hand = new("hand", None)
+    sword = new("sword", tube("sword", 6, 4))
+    for item in (hand, sword):
+        stage.collection.objects.link(item)
+    sword.constraints.new("COPY_TRANSFORMS").target = hand
+    constraint = hand.constraints.new(kind)
+    end = constraint.targets.new() if kind == "ARMATURE" else constraint
+    end.target, end.subtarget = stage.objects["Anna"], "upper"
+    press(stage.objects["Anna"], stage.objects["Bert"], sword)
+    assert groups()["Anna"] == ["Anna", "body", "coat", "hat", "sword"]
+    assert [name for name, _, _ in characters_of(stage)] == ["Anna", "Bert"]
+
+
+def test_objects_that_lie_in_the_characters_collection_carry_by_constraints(stage):
+    home = bpy.data.collections["Collection"]
+    sword = new("sword", tube("sword", 6, 4))
+    home.objects.link(sword)
+    sword.constraints.new("CHILD_OF").target = stage.objects["Anna"]
+    stage.crowd_lod.characters = home
+    found = {name: [item.name for item in items] for name, items, _ in characters_of(stage)}
+    assert "sword" in found["Anna"] and "sword" not in found
+
+
 def test_meshes_under_an_empty_that_is_not_selected_are_characters_each(stage):
     other = new("other statue", tube("other", 6, 4))
     stage.collection.objects.link(other)

@@ -16,6 +16,8 @@ from ...blender.ownership import OWNED
 # A root that lies farther than this part of the body's largest extent beside the body, as after
 # Apply > Location, is not where it stands.
 BESIDE = 0.5
+# constraints by which an object goes with another
+CARRYING = {"CHILD_OF", "COPY_TRANSFORMS", "COPY_LOCATION", "ARMATURE"}
 
 
 class Box(NamedTuple):
@@ -53,12 +55,37 @@ def parents_of(item: bpy.types.Object) -> list[bpy.types.Object]:
     return [] if item.parent is None else [item.parent, *parents_of(item.parent)]
 
 
+def carriers_of(item: bpy.types.Object) -> list[bpy.types.Object]:
+    """Return what the object goes with, that one's carrier, and so on.
+
+    That is its parent, else the target of a constraint that carries it, else the mesh of its hair.
+    """
+    carriers: list[bpy.types.Object] = []
+    carrier = _carrier(item)
+    while carrier is not None and carrier is not item and carrier not in carriers:
+        carriers.append(carrier)
+        carrier = _carrier(carrier)
+    return carriers
+
+
+def _carrier(item: bpy.types.Object) -> bpy.types.Object | None:
+    if item.parent is not None:
+        return item.parent
+    for constraint in item.constraints:
+        if constraint.type in CARRYING and not constraint.mute:
+            ends = constraint.targets if constraint.type == "ARMATURE" else [constraint]
+            targets = [end.target for end in ends if end.target is not None]
+            if targets:
+                return targets[0]
+    return getattr(item.data, "surface", None) if item.type == "CURVES" else None
+
+
 def root_of(item: bpy.types.Object, empties: Iterable[bpy.types.Object]) -> bpy.types.Object:
     """Return the root of the character that the shape `item` belongs to.
 
     It is the rig that moves it, else the topmost shape, or one of the `empties`, above it.
     """
-    above = [item, *parents_of(item)]
+    above = [item, *carriers_of(item)]
     rigs = (each if each.type == "ARMATURE" else each.find_armature() for each in above)
     tops = [each for each in above if is_shape(each) or each in empties]
     return next(filter(None, rigs), tops[-1])

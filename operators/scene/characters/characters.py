@@ -16,7 +16,7 @@ from ...blender.ownership import OWNED
 from ...blender.references import closure_of
 from ...settings.crowds import check_stored, crowds_of
 from ..machine import scene_world
-from .character_place import is_shape, place_of, place_of_members
+from .character_place import carriers_of, is_shape, place_of, place_of_members
 from .given_lods import CharacterGroup, GivenLod, Owner, label_of, with_given_lods
 from .rig_needs import Characters
 from .wardrobe import wardrobe_of
@@ -154,9 +154,11 @@ def _groups_as_they_lie(
             yield child, members, _origin_of(child, members)
     own = set(top.objects)
     for root in top.objects:
-        if root.parent not in own:
+        if own.isdisjoint(carriers_of(root)):
             # LODs hang on the same armature
-            members = [root, *(item for item in root.children_recursive if not item.get(OWNED))]
+            below = (item for item in root.children_recursive if not item.get(OWNED))
+            carried = (item for item in top.objects if root in carriers_of(item))
+            members = list(dict.fromkeys([root, *below, *carried]))
             if not is_stage(members) and root not in ground:
                 yield root, members, tuple(place_of(root, filter(is_shape, members)))
 

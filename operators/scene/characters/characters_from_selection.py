@@ -25,8 +25,8 @@ def characters_in(
 ) -> dict[bpy.types.Object, list[bpy.types.Object]]:
     """Return the characters that `selected` belong to: root -> the root and all its shapes.
 
-    A root is a rig. Its shapes are what it deforms and what is parented to it. Shapes that no rig
-    moves have as root the topmost shape, or selected empty, that they are parented to. Empties
+    A root is a rig. Its shapes are what it deforms and what is parented or constrained to it. Shapes
+    that no rig moves have as root the topmost shape, or selected empty, that carries them. Empties
     above all these, with no shape of others below them, come last.
     """
     shapes = bone_shapes(scene.objects)
@@ -186,7 +186,7 @@ def _home(
     return home
 
 
-def _move(item: bpy.types.Object, home: bpy.types.Collection, scene: bpy.types.Scene) -> None:
+def move_to(item: bpy.types.Object, home: bpy.types.Collection, scene: bpy.types.Scene) -> None:
     """Move `item` to the collection `home` from all others of the scene; it stays where it is."""
     if item in home.all_objects[:]:
         return
@@ -340,7 +340,7 @@ class CROWDLOD_OT_characters_from_selection(Reporting, bpy.types.Operator):
         for root, items in moved.items():
             home = _home(top, root, items)
             for item in items:
-                _move(item, home, scene)
+                move_to(item, home, scene)
         brought = [_bring(scene, top, *pair) for pair in reading.instanced.items()]
         finest = [*(group.owner for group in Reading(moved, {}).groups()), *brought]
         many = f"{len(finest)} characters" if len(finest) > 1 else "A character"
