@@ -5,6 +5,7 @@ Between two yields they do a step of the work. They return the result.
 
 import os
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
@@ -13,6 +14,7 @@ from itertools import count
 from typing import Any, TypeVar
 
 THREADS = min(os.cpu_count() or 1, 4)
+TICK = 0.04  # seconds of work between two pauses
 LOOK = 0.02  # seconds between two looks at work that another thread does
 _own = threading.local()
 Made = TypeVar("Made")  # what the work returns
@@ -29,6 +31,27 @@ def finished(steps: Generator[Any, None, Made]) -> Made:
             next(steps)
         except StopIteration as end:
             return end.value
+
+
+class Pauses:
+    """When work yields that has something to put back before it does: every TICK seconds.
+
+    What it takes to go on does not count: the time begins with the first question after a pause.
+    """
+
+    def __init__(self) -> None:
+        self._until: float | None = None
+
+    def is_due(self) -> bool:
+        """Return whether to yield now."""
+        now = time.monotonic()
+        if self._until is None:
+            self._until = now + TICK
+            return False
+        if now < self._until:
+            return False
+        self._until = None
+        return True
 
 
 class Workload:

@@ -10,7 +10,7 @@ import numpy as np
 from ...crowd_lod.culling.occluders import Occluders, Topology, join_occluders, topology_of
 from ...crowd_lod.mesh import Mesh, place
 from . import scene_cache
-from .evaluation import shows_alike
+from .evaluation import shows_alike, tree_has
 from .materials import hides_in_all_engines
 from .mesh_data import count_triangles, read_mesh
 from .scenery import Placed, Scenery, matrix_of
@@ -221,17 +221,9 @@ def _instances_others(item: bpy.types.Object) -> bool:
 def _has_nodes(item: bpy.types.Object, types: Container[str]) -> bool:
     """Return whether the object's node modifiers have a node of one of these types."""
     return any(
-        _tree_has(m.node_group, types)
+        tree_has(m.node_group, types)
         for m in item.modifiers
         if m.type == "NODES" and m.node_group is not None
-    )
-
-
-def _tree_has(tree: bpy.types.NodeTree, types: Container[str]) -> bool:
-    return any(
-        node.type in types
-        or (node.type == "GROUP" and node.node_tree and _tree_has(node.node_tree, types))
-        for node in tree.nodes
     )
 
 

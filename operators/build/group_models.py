@@ -77,7 +77,8 @@ def _model_group(
     levels = crowd.settings.levels.children[: crowd.policy.count]
     homes = [home_of(level, v, crowd.characters[v][0]) for v in family for level in levels]
     diagonal = measured.diagonal or 2 * measured.radius
-    with as_rendered(item for home in homes for item in home.objects) as (stage, actors):
+    items = [item for home in homes for item in home.objects]
+    with as_rendered(items, hair_swings=False) as (stage, actors):
         character = rigs.Acting(name, homes, stage, actors, diagonal)
         models, reasons = yield from _models(character, acts, group_models.blocks)
     if len(models) == len(acts):

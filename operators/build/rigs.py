@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ...crowd_lod.progress import Workload
+from ...crowd_lod.progress import Pauses, Workload
 from ..blender import mesh_data, removal
 from ..blender.objects import copy_unlinked
 from ..blender.performance import Performance
@@ -350,11 +350,14 @@ def _off(
             character.stage.collection.objects.link(block)
         distances = []
         work = Workload(len(moments))
+        pauses = Pauses()
         for time in moments:
             performance.go_to(character.stage, time)
             distances.append(measure_copies(copies, character.actors, character.stage, origin))
-            performance.rest()
-            yield work.did(1)
+            progress = work.did(1)
+            if pauses.is_due():
+                performance.rest()
+                yield progress
         return distances
     finally:
         performance.rest()

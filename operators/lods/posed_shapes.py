@@ -7,7 +7,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.mesh import EMPTY, Mesh, join
-from ...crowd_lod.progress import Workload
+from ...crowd_lod.progress import Pauses, Workload
 from ..blender import mesh_data
 from ..blender.evaluation import as_rendered
 from ..blender.materials import is_opaque
@@ -45,7 +45,8 @@ class Posed:
         performance: Performance | None = None,
     ):
         self.performance = performance or own_performance(list(objects))
-        self._staged = as_rendered([item for group in (objects, *levels) for item in group])
+        items = [item for group in (objects, *levels) for item in group]
+        self._staged = as_rendered(items, hair_swings=False)
         self.stage, actors = self._staged.__enter__()
         self.character, *self.levels = [
             [actors[item] for item in group] for group in (objects, *levels)
@@ -116,11 +117,14 @@ def read_shapes(
     """
     shapes = []
     work = Workload(len(frames))
+    pauses = Pauses()
     with Posed(objects, (), performance) as posed:
         for frame in frames:
             shapes += posed.shapes(frame)
-            performance.rest()
-            yield work.did(1)
+            progress = work.did(1)
+            if pauses.is_due():
+                performance.rest()
+                yield progress
     return shapes
 
 

@@ -1,13 +1,12 @@
 """The poses of a character's actions at which its LODs are measured, and how points move in them."""
 
-import time as clock
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from functools import partial
 
 import bpy
 import numpy as np
 
-from ...crowd_lod.progress import run_in_thread
+from ...crowd_lod.progress import Pauses, run_in_thread
 from ...crowd_lod.simplification.pose_deformation import POSES as HEEDED
 from ...crowd_lod.simplification.pose_deformation import Skin, frames_of
 from ..blender import mesh_data, removal
@@ -26,7 +25,6 @@ POSES = 12
 AXES = np.array([(0, 0, 0, 1), (1, 0, 0, 1), (0, 1, 0, 1), (0, 0, 1, 1)], np.float64).T
 LOOKED_AT = 3_000  # frames of an action whose joints are compared, at most
 CARRIED = 0.1  # weight from which on a bone carries a vertex
-TICK = 0.02  # seconds of looking at joints at a time
 
 
 def choose_poses(
@@ -127,7 +125,7 @@ def _motions(
             if item.type == "MESH" and item.vertex_groups:
                 weights[item] = yield from reading_weights(item.data)
         bones = [_BoneReach(rig, weights) for rig in rigs]
-        until = clock.monotonic() + TICK
+        pauses = Pauses()
         for time in times.tolist():
             performance.go_to(stage, time)
             depsgraph = stage.view_layers[0].depsgraph
@@ -146,10 +144,9 @@ def _motions(
             keyed = np.outer(values * np.concatenate([[], *reaches]), (1.0, 0.0, 0.0))
             places.append(np.concatenate([joints - joints.mean(axis=0), keyed]))
             bends.append(np.concatenate(bent))
-            if clock.monotonic() >= until:
+            if pauses.is_due():
                 performance.rest()
                 yield
-                until = clock.monotonic() + TICK
     finally:
         performance.rest()
         removal.remove([stage, *items])

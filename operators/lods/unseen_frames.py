@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from ...crowd_lod.progress import Workload, run_in_thread
+from ...crowd_lod.progress import Pauses, Workload, run_in_thread
 from ...crowd_lod.simplification.closest_point import closest_weights
 from ...crowd_lod.simplification.hausdorff import (
     SurfacePoints,
@@ -162,13 +162,17 @@ def look_at(
     """
     distances = np.zeros((len(pairs), len(moments)))
     work = Workload(len(moments))
+    pauses = Pauses()
     for number, moment in enumerate(moments):
         character, *levels = posed.points(moment)
-        posed.performance.rest()
         for k, ((mine, theirs), level) in enumerate(zip(pairs, levels, strict=True)):
             off = mine.distances(character, level), theirs.distances(level, character)
             distances[k, number] = max(each.max(initial=0) for each in off)
-        yield work.did(1)
+        progress = work.did(1)
+        if pauses.is_due():
+            posed.performance.rest()
+            yield progress
+    posed.performance.rest()
     return distances
 
 

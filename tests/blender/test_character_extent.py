@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.blender import image_data
+from crowd_lod_extension.operators.blender.evaluation import as_rendered
 from crowd_lod_extension.operators.blender.materials import switch_nodes_on
 from crowd_lod_extension.operators.build import frame_update
 from crowd_lod_extension.operators.lods.deviation import measure_levels
@@ -369,3 +370,47 @@ def test_nobody_stands_on_what_is_in_a_hand():
     scene.crowd_lod.count = 1
     bpy.ops.crowd_lod.populate()
     assert scene.crowd_lod.groups[0].lowest == pytest.approx(0, abs=0.05)
+
+
+def test_hair_that_is_simulated_stays_within_its_length_of_its_roots():
+    """In any order of frames: a simulation would go on from the pose before."""
+    body = new("body", tube("body", 8, 8))
+    armature = rig()
+    skin(body, armature)
+    character(body, armature)
+    hair(body)
+    item = next(item for item in body.users_collection[0].objects if item.type == "CURVES")
+    flying_off(item)
+    groups = [group_measuring.measure_groups(bpy.context.scene)[0] for _ in range(2)]
+    assert groups[0] == groups[1]
+    root, length, radius = 2.0, np.hypot(0.5, 1.0) + 1.5, 0.4
+    reach = length + radius
+    group, _ = groups
+    assert root + reach <= group.center + group.radius < root + reach + 0.05  # the body bends
+    with as_rendered([item], hair_swings=False) as (_, actors):
+        assert [*actors[item].modifiers] == []
+    with as_rendered([item]) as (_, actors):
+        assert actors[item] == item
+    assert len(item.modifiers) == 1
+
+
+def flying_off(item):
+    """Nodes that move hair a meter up in each frame, as a simulation does."""
+    tree = bpy.data.node_groups.new("fly", "GeometryNodeTree")
+    for kind in ("INPUT", "OUTPUT"):
+        tree.interface.new_socket("Geometry", in_out=kind, socket_type="NodeSocketGeometry")
+    begin, end, first, last, move = (
+        tree.nodes.new(name)
+        for name in (
+            "GeometryNodeSimulationInput",
+            "GeometryNodeSimulationOutput",
+            "NodeGroupInput",
+            "NodeGroupOutput",
+            "GeometryNodeSetPosition",
+        )
+    )
+    begin.pair_with_output(end)
+    move.inputs["Offset"].default_value = (0, 0, 1)
+    for one, other in ((first, begin), (begin, move), (move, end), (end, last)):
+        tree.links.new(one.outputs["Geometry"], other.inputs["Geometry"])
+    item.modifiers.new("Hair Dynamics", "NODES").node_group = tree

@@ -227,10 +227,9 @@ def test_a_bake_of_frames_that_show_nobody_leaves_no_motion(built):
 
 def test_making_a_cast_leaves_nothing_when_it_is_stopped(levelled):
     before = set(bpy.data.user_map())
-    for steps in (1, 30, 70, 150):
+    for part in (0.0, 0.2, 0.5, 0.9):
         making = make_characters(read_crowd(levelled))
-        for _ in range(steps):
-            next(making)
+        assert any(progress >= part for progress in making)
         making.close()
         assert set(bpy.data.user_map()) == before
 

@@ -143,7 +143,7 @@ def test_what_does_not_fit_is_refused_in_a_sentence(skinned, change):
             bones["upper"].parent = None
             bones["upper"].roll += 0.5
     wanted = (
-        "motion walk was made for motion, whose upper are not those of someone: retarget it"
+        "motion walk does not fit someone: it was made for motion, whose upper are built otherwise"
         if change == "parents"
         else "No action of the file moves the bones of someone"
     )

@@ -7,6 +7,7 @@ import bpy
 import numpy as np
 
 from ....crowd_lod.errors import CrowdError
+from ....crowd_lod.format import counted
 from ....crowd_lod.message_words import chosen_by, listed
 from ...blender import scene_data
 from ...blender.action_fit import Fit, bags_of, bone_of, fit_of, modes_of, needs_turning
@@ -144,7 +145,7 @@ def choose_action(rig: bpy.types.Object, group: str, name: str) -> Fit:
             f"of them, or Stand Still, in Character Groups."
         )
     if fits:
-        raise CrowdError(" ".join(why_not(group, fit) for fit in fits[:MOST_TOLD]))
+        raise CrowdError(_why_none(group, fits))
     bones = _some(rig.data.bones.keys())
     if name:
         raise CrowdError(
@@ -163,14 +164,13 @@ def choose_action(rig: bpy.types.Object, group: str, name: str) -> Fit:
     )
 
 
-MOST_TOLD = 3  # actions that are refused, in one message
-
-
-def why_not(group: str, fit: Fit) -> str:
-    """Return a sentence on why a group cannot play an action that moves bones of its names."""
+def _why_none(group: str, fits: Sequence[Fit]) -> str:
+    """Return why a group can play none of the actions, which move bones of its names."""
+    first = fits[0]
+    many = f" Neither do {counted(len(fits) - 1, 'other action')}." if len(fits) > 1 else ""
     return (
-        f"{fit.action.name} was made for {fit.source.name}, whose {listed(fit.misfits)} are not "
-        f"those of {group}: retarget it to this rig."
+        f"{first.action.name} does not fit {group}: it was made for {first.source.name}, whose "
+        f"{listed(first.misfits)} are built otherwise. Retarget it to this rig.{many}"
     )
 
 

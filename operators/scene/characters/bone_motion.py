@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import bpy
 import numpy as np
 
-from ....crowd_lod.progress import Workload
+from ....crowd_lod.progress import Pauses, Workload
 from ...blender import removal
 from ...blender.animation import armatures_of
 from ...blender.objects import copy_unlinked
@@ -109,6 +109,7 @@ def record(
         places = {item: [] for item in actors}
         bone_names = {rig: deforming(rig, list(actors)) for rig in armatures}
         work = Workload(len(times))
+        pauses = Pauses()
         for time in times:
             performance.go_to(stage, time)
             depsgraph = stage.view_layers[0].depsgraph
@@ -117,8 +118,10 @@ def record(
                 places[item].append(np.array(matrix, np.float64))
             for rig in armatures:
                 _note(bones[rig.name], rig.evaluated_get(depsgraph), bone_names[rig])
-            performance.rest()
-            yield work.did(1)
+            progress = work.did(1)
+            if pauses.is_due():
+                performance.rest()
+                yield progress
         return bones, {item: np.array(matrices) for item, matrices in places.items()}
     finally:
         performance.rest()

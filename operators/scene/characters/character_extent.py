@@ -1,7 +1,6 @@
 """Extent of a character in renders: vertices, hair, displacement by materials."""
 
 import re
-import time as clock
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from typing import NamedTuple, TypeVar
 
@@ -11,10 +10,10 @@ import numpy as np
 from ....crowd_lod.crowd.bounds import bounding_sphere, ground_of, sole_of
 from ....crowd_lod.errors import CrowdError
 from ....crowd_lod.mesh import EMPTY, Mesh, join
-from ....crowd_lod.progress import Workload
+from ....crowd_lod.progress import Pauses, Workload
 from ...blender import mesh_data
 from ...blender.animation import armatures_of
-from ...blender.evaluation import as_rendered
+from ...blender.evaluation import as_rendered, hair_dynamics
 from ...blender.materials import source_of
 from ...blender.named_actions import own_performance
 from ...blender.performance import Performance
@@ -26,7 +25,6 @@ MOST_POSES = 120
 # Poses of an action in which soles are looked for: first, and where something hangs below them.
 # They take a third of all measuring if looked for in nine at once.
 SOLES = 3, 9
-TICK = 0.04  # seconds of measuring at a time
 OFF_GROUND = 0.02  # of a character's largest extent: nearer to the ground it stands on it
 FEET = 0.01  # of a character's height above its lowest point: what is lower stands on the ground
 # in the name of a bone: it carries what is held
@@ -64,7 +62,10 @@ def extents(actors: Actors, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
     CrowdError if an object has points at NaN or infinity.
     """
     return np.concatenate(
-        [_finite(item, extent(actor, depsgraph)) for item, actor in actors.items()]
+        [
+            _finite(item, extent(actor, depsgraph, bool(hair_dynamics(item))))
+            for item, actor in actors.items()
+        ]
     )
 
 
@@ -117,19 +118,18 @@ def posing(
     performance = performance or own_performance(objects)
     poses = []
     work = Workload(len(frames))
-    with as_rendered(objects) as (stage, actors), performance:
+    with as_rendered(objects, hair_swings=False) as (stage, actors), performance:
         for item in armatures_of(objects):
             stage.collection.objects.link(item)
-        until = clock.monotonic() + TICK
+        pauses = Pauses()
         for frame in frames:
             performance.go_to(stage, frame)
             depsgraph = stage.view_layers[0].depsgraph
             poses.append(measure(actors, depsgraph))
             progress = work.did(1)
-            if clock.monotonic() >= until:
+            if pauses.is_due():
                 performance.rest()
                 yield progress
-                until = clock.monotonic() + TICK
     return poses
 
 
@@ -217,18 +217,21 @@ def bounds(name: str, origin, *acts: list[np.ndarray]) -> tuple[float, float, fl
     return center, radius + bend, girth + bend
 
 
-def extent(actor: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
+def extent(actor: bpy.types.Object, depsgraph: bpy.types.Depsgraph, swings: bool) -> np.ndarray:
     """Return the points of `actor` and the reach around each: (n, 4) float64, meters.
 
     The first three columns are the point in world space, as `depsgraph` has evaluated it. The
     object may show anything within the fourth, the reach.
+
+    swings: whether it is hair that renders simulate: a strand may then be anywhere about its root.
     """
     evaluated = actor.evaluated_get(depsgraph)
     points = [_with(mesh_data.world_points(evaluated), 0.0)]
     if actor.type == "CURVES":  # nodes may turn it into anything, and a pose keeps them
         for instance in depsgraph.object_instances:
             if (instance.parent or instance.object).original == actor.original:
-                points.append(_shape(instance.object, np.array(instance.matrix_world, np.float64)))
+                matrix = np.array(instance.matrix_world, np.float64)
+                points.append(_shape(instance.object, matrix, swings))
     spheres = np.concatenate(points)
     if len(spheres) and np.isfinite(spheres).all():
         spheres[:, 3] += displaced(evaluated)
@@ -239,10 +242,10 @@ def _with(points: np.ndarray, reach: np.ndarray | float) -> np.ndarray:
     return np.column_stack([points, np.broadcast_to(reach, len(points))])
 
 
-def _shape(item: bpy.types.Object, matrix: np.ndarray) -> np.ndarray:
+def _shape(item: bpy.types.Object, matrix: np.ndarray, swings: bool) -> np.ndarray:
     """Return the extent (n, 4) of an instance of hair, mesh or point cloud.
 
-    matrix: (4, 4), of the instance.
+    matrix: (4, 4), of the instance; swings: see extent.
     """
     data = item.data
     place = data.attributes.get("position") if hasattr(data, "attributes") else None
@@ -266,7 +269,22 @@ def _shape(item: bpy.types.Object, matrix: np.ndarray) -> np.ndarray:
         ]
         points = np.concatenate([points, points + along, points - along, *ends])
         reach = np.tile(reach, 3 + len(ends))
-    return _with(points @ matrix[:3, :3].T + matrix[:3, 3], reach)
+    points = points @ matrix[:3, :3].T + matrix[:3, 3]
+    if swings and isinstance(data, bpy.types.Curves):
+        return _swinging(points[: len(place.data)], reach[: len(place.data)], data)
+    return _with(points, reach)
+
+
+def _swinging(points: np.ndarray, reach: np.ndarray, hair: bpy.types.Curves) -> np.ndarray:
+    """Return the roots of strands, each with the length of its strand as reach, (n, 4).
+
+    points, reach: (m, 3) and (m,), of the strands' points, world meters.
+    """
+    first = np.array([curve.first_point_index for curve in hair.curves])
+    pieces = np.linalg.norm(np.diff(points, axis=0, prepend=points[:1]), axis=1)
+    pieces[first] = 0.0
+    lengths = np.add.reduceat(pieces, first)
+    return _with(points[first], lengths + np.maximum.reduceat(reach, first))
 
 
 def _values(attribute: bpy.types.Attribute, name: str, width: int) -> np.ndarray:
