@@ -13,7 +13,7 @@ from .skinned_characters import SkinnedCharacter
 def style_of(scene, levels: int) -> tuple[Style, tuple[SkinnedCharacter, ...], tuple[str, ...]]:
     """Return (style, characters, notes) of the scene.
 
-    Where the characters are missing, not read yet, or do not fit, meshes become points.
+    Where the characters are missing, not read yet, or do not fit, meshes become boxes.
 
     levels: least number of LODs that each character must have.
     characters: only if the style needs them.
@@ -28,17 +28,17 @@ def style_of(scene, levels: int) -> tuple[Style, tuple[SkinnedCharacter, ...], t
     )
     if style.mode != "MESHES" and not style.materials:
         return style, (), ()
-    points = replace(style, mode="POINTS") if style.mode == "MESHES" else style
+    boxes = replace(style, mode="BOXES") if style.mode == "MESHES" else style
     read = character_cache.read_characters_of(scene)
     if read is None:
         return (
-            points,
+            boxes,
             (),
             ("Press Make LOD Meshes in the LOD Meshes panel to see the characters.",),
         )
     if not read.ready:
         return (
-            points,
+            boxes,
             (),
             (f"The characters are being read for the overlay: {read.progress:.0%}.",),
         )
@@ -48,7 +48,7 @@ def style_of(scene, levels: int) -> tuple[Style, tuple[SkinnedCharacter, ...], t
     if fits and all(len(character.meshes) >= levels for character in read.characters):
         return style, read.characters, read.notes
     misfit = "The LOD meshes do not fit the settings: press Make LOD Meshes to see the characters."
-    return points, (), read.notes or (misfit,)
+    return boxes, (), read.notes or (misfit,)
 
 
 def bodies_of(groups, style: Style, characters: tuple[SkinnedCharacter, ...]) -> GpuBodies | None:

@@ -106,7 +106,9 @@ def with_meshes(scene):
 
 
 def test_meshes_stay_on_the_gpu_from_frame_to_frame(scene, monkeypatch):
-    assert "Make LOD Meshes" in shown(scene).notes[0]
+    before = shown(scene)
+    assert "Make LOD Meshes" in before.notes[0]
+    assert before.bodies.boxes and sum(count for *_, count in before.batches.draws) > 0
     first = with_meshes(scene)
     assert first.notes == () and first.problem is None
     assert sum(count for *_, count in first.batches.draws) == first.frame.visible.sum()
