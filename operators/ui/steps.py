@@ -17,10 +17,6 @@ from ..settings import needs
 from ..settings.messages import in_words, label_of
 from ..viewport import viewport_overlay
 
-# what is looked at whenever it is drawn, and not as Populate found it
-LIVE = MessageKind.NO_WALK, MessageKind.GLIDES
-STOPPING = (MessageKind.GLIDES,)  # without an answer Update All makes no LOD meshes
-
 
 def next_operator(scene: bpy.types.Scene) -> str:
     """Return the operator that comes next in the work; "" once the shot is proved."""
@@ -56,9 +52,8 @@ def messages(scene: bpy.types.Scene) -> list[Told]:
     if settings.characters is not None:
         errors.append(needs.camera(scene))
     lines = [Told(sentence, "ERROR") for sentence in dict.fromkeys(errors) if sentence]
-    found = from_json(settings.trouble) if settings.characters is not None else ()
-    asked = questions(scene) if settings.characters is not None else ()
-    lines += _warnings(message for message in asked if message.kind in STOPPING)
+    if settings.characters is not None:  # without an answer Update All makes no LOD meshes
+        lines += _warnings(questions(scene))
     if operator := next_operator(scene):
         lines.append(Told(f"Next: {label_of(operator)}", "FORWARD"))
     for artifact in artifacts_of(scene):
@@ -67,8 +62,9 @@ def messages(scene: bpy.types.Scene) -> list[Told]:
     if proof := current_proof(scene):
         lines.append(Told(proof.sentence, "CHECKMARK" if proof.ok else "ERROR"))
     # warnings of Populate do not stop the work: the next step is named before them
-    lines += _warnings(message for message in asked if message.kind not in STOPPING)
-    lines += _warnings(message for message in found if message.kind not in LIVE)
+    if settings.characters is not None:
+        found = from_json(settings.trouble)
+        lines += _warnings(each for each in found if each.kind is not MessageKind.GLIDES)
     if note := notes_on_file(settings):
         lines.append(Told(note, "INFO"))
     notes = drawn_frame.notes if drawn_frame else ()

@@ -88,16 +88,22 @@ def nodding(scene: bpy.types.Scene) -> dict[str, tuple[bpy.types.Object, Fit]]:
     return walks
 
 
-def notes_on_motion(scene: bpy.types.Scene) -> Iterator[Message]:
-    """Yield messages on characters that nod, or stay in their bind pose, with the way out."""
-    remedy = "crowd_lod.take_action"
+REMEDY = "crowd_lod.take_action"
+
+
+def notes_on_nodding(scene: bpy.types.Scene) -> Iterator[Message]:
+    """Yield messages on characters that walk by another action than their walk."""
     for name, (rig, fit) in nodding(scene).items():
         facts = {
             "action": rig.animation_data.action.name,
             "walk": fit.action.name,
             "by_name": is_called_a_walk(fit.action),
         }
-        yield Message(MessageKind.NO_WALK, name, facts, remedy)
+        yield Message(MessageKind.NO_WALK, name, facts, REMEDY)
+
+
+def notes_on_gliding(scene: bpy.types.Scene) -> Iterator[Message]:
+    """Yield messages on characters that stay in their bind pose, with the way out."""
     for name, rig in unanswered(scene).items():
         walk = best_walk(rig)
         fits = fits_of(rig)
@@ -107,7 +113,7 @@ def notes_on_motion(scene: bpy.types.Scene) -> Iterator[Message]:
             "refused": [fit.action.name for fit in fits if fit.misfits],
             "movers": time_movers([rig]),
         }
-        yield Message(MessageKind.GLIDES, name, facts, remedy)
+        yield Message(MessageKind.GLIDES, name, facts, REMEDY)
 
 
 def notes_on_time(scene: bpy.types.Scene) -> Iterator[Message]:
@@ -121,9 +127,9 @@ def notes_on_time(scene: bpy.types.Scene) -> Iterator[Message]:
 
 @hold(lambda _: provenance.changes)
 def questions(scene: bpy.types.Scene) -> tuple[Message, ...]:
-    """Return `notes_on_motion` for drawings; none where the crowd's settings are bad."""
+    """Return `notes_on_gliding` for drawings; none where the crowd's settings are bad."""
     try:
-        return tuple(notes_on_motion(scene))
+        return tuple(notes_on_gliding(scene))
     except CrowdError:  # told elsewhere
         return ()
 
