@@ -94,6 +94,21 @@ def test_the_place_is_the_same_in_all_frames(shot):
         assert origin == pytest.approx((5, 2, 0), abs=1e-5)
 
 
+def test_of_two_rigs_the_larger_ones_place_counts_in_all_frames(shot):
+    home = shot.crowd_lod.characters.children["Anna"]
+    armature, tail = person("Tail", (5.4, 0, 0))
+    for vertex in tail.data.vertices:
+        vertex.co *= 0.9
+    for frame, angle in ((1, 0.0), (10, 2.0)):
+        armature.rotation_euler.x = angle
+        armature.keyframe_insert("rotation_euler", frame=frame)
+    for item in (armature, tail):
+        home.objects.link(item)
+    for frame in (1, 6, 10):
+        shot.frame_set(frame)
+        assert characters_of(shot)[0][2] == (5, 0, 0)
+
+
 @pytest.mark.parametrize("of", ["rig", "mesh"])
 def test_a_body_whose_location_was_applied_stands_in_its_middle(small_shot, of):
     armature, body = person("Carl", (0, 0, 0))

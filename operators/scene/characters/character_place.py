@@ -1,6 +1,5 @@
 """Where a character stands: the root of its objects, and the place of its feet on the ground."""
 
-import math
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
@@ -92,13 +91,25 @@ def root_of(item: bpy.types.Object, empties: Iterable[bpy.types.Object]) -> bpy.
 
 
 def main_root(characters: dict[bpy.types.Object, list[bpy.types.Object]]) -> bpy.types.Object:
-    """Return the root of the largest of `characters`: root -> it and its shapes; a rig's before
-    others'.
+    """Return the root with the largest shape of `characters`: root -> it and its shapes; a rig's
+    before others'. The same in all frames.
     """
     if len(characters) == 1:
         return next(iter(characters))
-    size = {root: math.prod(box_of(items).size) for root, items in characters.items()}
+    size = {root: max(map(_size, filter(is_shape, items))) for root, items in characters.items()}
     return max(characters, key=lambda root: (root.type == "ARMATURE", size[root]))
+
+
+def _size(item: bpy.types.Object) -> float:
+    """Return the diagonal of a shape's own box, in world meters."""
+    return float(np.linalg.norm(np.ptp(_own_points(item), axis=0) * _first_matrix(item).to_scale()))
+
+
+def _own_points(item: bpy.types.Object) -> np.ndarray:
+    """Return the points of a shape in its own space, without modifiers if it is a mesh: (n, 3)."""
+    if item.type == "MESH" and len(item.data.vertices):
+        return mesh_data.vertices_of(item.data)
+    return np.array(item.bound_box)
 
 
 def place_of_members(members: Sequence[bpy.types.Object]) -> Vector | None:
@@ -138,14 +149,8 @@ def _points_at_rest(root: bpy.types.Object, shapes: Iterable[bpy.types.Object]) 
             tuple(end) for bone in root.data.bones for end in (bone.head_local, bone.tail_local)
         ]
         return _placed(np.array(ends).reshape(-1, 3), _first_matrix(root))
-    points = [np.empty((0, 3))]
-    for item in shapes:
-        if item.type == "MESH" and len(item.data.vertices):
-            own = mesh_data.vertices_of(item.data)
-        else:
-            own = np.array(item.bound_box)
-        points.append(_placed(own, _first_matrix(item)))
-    return np.concatenate(points)
+    points = [_placed(_own_points(item), _first_matrix(item)) for item in shapes]
+    return np.concatenate([np.empty((0, 3)), *points])
 
 
 def _placed(points: np.ndarray, matrix: Matrix) -> np.ndarray:
