@@ -160,6 +160,15 @@ def _still_poses(several: Sequence[Message], _: str) -> str:
     )
 
 
+def _by_time(several: Sequence[Message], _: str) -> str:
+    verb, pronoun = ("is", "it") if len(several) == 1 else ("are", "them")
+    return (
+        f"{_each(several, '{subject} (by {movers})')} {verb} moved by the scene's time, which agents "
+        f"do not play: renders show {pronoun} as at frame 1. Give {pronoun} an action, on a rig or "
+        f"on shape keys."
+    )
+
+
 def _without_faces(several: Sequence[Message], _: str) -> str:
     return (
         f"Left out of the crowd, which shows faces and hair: {_each(several, '{subject} ({what})')}"
@@ -255,6 +264,11 @@ def _glides(several: Sequence[Message], button: str) -> str:
     )
     if walks:
         way = f"press {button}, which gives {pronoun} {listed(walks)}"
+    elif movers := [name for names in _facts(several, "movers") for name in names]:
+        way = (
+            f"{listed(movers)} moves {pronoun} by the scene's time, which agents do not play, so "
+            f"turn that into an action by Bake Action (Object > Animation)"
+        )
     elif others:
         way = f"choose the action ({listed(others)}) in Character Groups"
     else:
@@ -426,6 +440,7 @@ WORDS: dict[MessageKind, Callable[[Sequence[Message], str], str]] = {
     MessageKind.UNKNOWN_EXTENT: _unknown_extent,
     MessageKind.HEIGHT: _height,
     MessageKind.STILL_POSES: _still_poses,
+    MessageKind.BY_TIME: _by_time,
     MessageKind.HANGS_OUTSIDE: _hangs_outside,
     MessageKind.WITHOUT_FACES: _without_faces,
     MessageKind.UNSAVED: _unsaved,

@@ -26,6 +26,7 @@ class MessageKind(StrEnum):
     UNKNOWN_EXTENT = auto()
     HEIGHT = auto()
     STILL_POSES = auto()
+    BY_TIME = auto()
     HANGS_OUTSIDE = auto()
     WITHOUT_FACES = auto()
     UNSAVED = auto()

@@ -25,7 +25,7 @@ from .characters.characters import (
     notes_on_unsaved,
 )
 from .characters.group_measuring import measuring_groups
-from .characters.motionless import notes_on_gliding, notes_on_nodding
+from .characters.motionless import notes_on_gliding, notes_on_nodding, notes_on_time
 from .characters.stored_groups import store_groups
 from .characters.take_along import notes_on_hanging
 from .machine import kept_meshes, map_areas
@@ -116,6 +116,7 @@ def _warnings(
     yield from notes_on_actions(scene, groups)
     yield from notes_on_gliding(scene)
     yield from notes_on_nodding(scene)
+    yield from notes_on_time(scene)
     yield from notes_on_glow(scene)
     yield from notes_on_images(characters)
 

@@ -5,11 +5,13 @@ from collections.abc import Iterator
 import bpy
 
 from ....crowd_lod.errors import CrowdError
+from ....crowd_lod.message_words import listed
 from ....crowd_lod.messages import Message, MessageKind
 from ...blender import provenance
 from ...blender.action_fit import Fit
 from ...blender.animation import action_range, armatures_of
 from ...blender.sidebar_answers import hold
+from ...blender.time_movers import time_movers
 from ...settings.crowds import crowds_of
 from ..machine.scene_world import machine_of
 from .action_choice import best_walk, fits_of, is_called_a_walk, walk_among
@@ -109,8 +111,18 @@ def notes_on_gliding(scene: bpy.types.Scene) -> Iterator[Message]:
             "walk": "" if walk is None else walk.action.name,
             "others": [fit.action.name for fit in fits if not fit.misfits],
             "refused": [fit.action.name for fit in fits if fit.misfits],
+            "movers": time_movers([rig]),
         }
         yield Message(MessageKind.GLIDES, name, facts, REMEDY)
+
+
+def notes_on_time(scene: bpy.types.Scene) -> Iterator[Message]:
+    """Yield messages on characters without a rig that the scene's time moves, and no action."""
+    for name, objects, _, variant_of, *_ in all_characters(scene):
+        first, last = action_range(objects)
+        if not variant_of and first == last and not armatures_of(objects):
+            if movers := time_movers(objects):
+                yield Message(MessageKind.BY_TIME, name, {"movers": listed(movers)})
 
 
 @hold(lambda _: provenance.changes)
