@@ -7,7 +7,7 @@ own values.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import bpy
@@ -49,11 +49,13 @@ class RootMotion:
     """What is taken out of an animation.
 
     travels: its curves.
-    way: of the character along x and y in a cycle of the animation, in units of the scene.
+    way, rise: of the character along x and y, and up, in a cycle of the animation, in units of the
+        scene.
     """
 
     travels: tuple[Travel, ...] = ()
     way: tuple[float, float] = (0.0, 0.0)
+    rise: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,7 @@ def of_action(
     travels, way = _motion(owner, _Playing(action, handle, span))
     root = _checked(objects, travels, way)
     around = tuple(travel for travel in of_character(objects).travels if travel.owner != owner)
-    return RootMotion(root.travels + around, root.way)
+    return replace(root, travels=root.travels + around)
 
 
 def of_character(objects: Sequence[bpy.types.Object]) -> RootMotion:
@@ -312,4 +314,4 @@ def _checked(
     """
     size = max((max(item.dimensions) for item in objects), default=0.0)
     goes = way.xy.length > TRAVELS * size and abs(way.z) <= way.xy.length
-    return RootMotion(travels, (way.x, way.y)) if goes else RootMotion()
+    return RootMotion(travels, (way.x, way.y), way.z) if goes else RootMotion()

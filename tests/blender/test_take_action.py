@@ -220,11 +220,12 @@ def test_without_a_name_the_action_is_taken_that_moves_forward_at_a_persons_spee
     item = new("body", tube("body", 8, 4))
     skin(item, armature)
     root = armature.pose.bones[0]
-    for name, way in (("gallop", 4.0), ("march", 1.1), ("saunter", 0.6), ("nod", 0.0)):
+    gaits = ("gallop", 4.0, 0), ("fall", 1.2, 0.8), ("march", 1.1, 0), ("saunter", 0.6, 0)
+    for name, way, drop in (*gaits, ("nod", 0.0, 0)):
         action = stash(armature, name)
         armature.animation_data.action = action
         for frame, x in ((1, 0.0), (25, way)):  # a second
-            root.location = (x, 0, 0)
+            root.location = (x, -drop * (frame > 1), 0)
             root.keyframe_insert("location", frame=frame)
     settings = bpy.context.scene.crowd_lod
     settings.characters = character(item)

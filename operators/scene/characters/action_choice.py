@@ -184,6 +184,7 @@ def _some(names: list[str]) -> str:
 
 PERSON = 0.5, 2.2  # meters a second, of a person who walks
 USUAL = 1.25  # meters a second, of most
+LEVEL = 0.2  # of a way: who ends so much higher or lower does not walk
 
 
 def take_walks(scene: bpy.types.Scene, items: Sequence[bpy.types.Object]) -> Iterator[str]:
@@ -247,7 +248,10 @@ def _walks(
 def _speed(
     scene: bpy.types.Scene, rig: bpy.types.Object, items: Sequence[bpy.types.Object], fit: Fit
 ) -> float:
-    """Return how fast the action moves the rig on, m/s; 0 if it stays in its place."""
+    """Return how fast the action moves the rig on, m/s; 0 if it stays in its place, or falls."""
     first, last = span_of(fit.action, fit.curves)
-    way = np.hypot(*of_action(rig, items, fit.action, fit.handle, (first, last)).way)
-    return float(way) * scene_data.meters(scene) * scene_data.frame_rate(scene) / (last - first)
+    root = of_action(rig, items, fit.action, fit.handle, (first, last))
+    way = float(np.hypot(*root.way))
+    if abs(root.rise) > LEVEL * way:
+        return 0.0
+    return way * scene_data.meters(scene) * scene_data.frame_rate(scene) / (last - first)
