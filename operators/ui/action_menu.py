@@ -37,6 +37,10 @@ class CROWDLOD_MT_action(bpy.types.Menu):
     bl_label = "Action"
     bl_translation_context = CONTEXT
 
+    @classmethod
+    def poll(cls, context) -> bool:
+        return getattr(context, GROUP, None) is not None
+
     def draw(self, context) -> None:
         group = getattr(context, GROUP).name
         rig = rig_of(context.scene, group)

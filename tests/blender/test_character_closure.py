@@ -187,7 +187,7 @@ def test_the_root_motion_of_a_rig_of_another_file_is_taken_out(small_shot, tmp_p
     bpy.context.view_layer.update()
     bpy.ops.crowd_lod.populate()
     (group,) = small_shot.crowd_lod.groups
-    assert group.radius < 0.3 and group.stride == pytest.approx(1.5, abs=0.01)
+    assert group.radius < 0.3 and group.way == pytest.approx(1.5, abs=0.01)
 
 
 def depending():

@@ -9,6 +9,7 @@ from html.parser import HTMLParser
 import bpy
 import numpy as np
 import pytest
+from crowd_lod_extension.crowd_lod import progress as work_progress
 from crowd_lod_extension.crowd_lod.levels import selection
 from crowd_lod_extension.crowd_lod.output.html_report import page
 from crowd_lod_extension.crowd_lod.progress import finished
@@ -20,7 +21,6 @@ from crowd_lod_extension.operators.lods.posed_surface import InPose
 from crowd_lod_extension.operators.lods.surface import Surface
 from crowd_lod_extension.operators.scene import scene_crowd
 from crowd_lod_extension.operators.scene.characters import (
-    character_extent,
     group_measuring,
     stored_groups,
 )
@@ -262,7 +262,7 @@ def test_measuring_in_steps_gives_the_same_and_characters_play_what_they_did_in_
 
     whole = group_measuring.measure_groups(scene)
     actions = played()
-    monkeypatch.setattr(character_extent, "TICK", 0.0)  # a pose at a time
+    monkeypatch.setattr(work_progress, "TICK", 0.0)  # a pose at a time
     before = set(bpy.data.user_map())
     progress = []
     steps = group_measuring.measuring_groups(scene)
