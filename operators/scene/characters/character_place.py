@@ -178,10 +178,12 @@ def _to_first(item: bpy.types.Object) -> Vector:
     way = Vector((0, 0, 0))
     for player in players_in(item.animation_data) if item.animation_data else ():
         curves = curves_of(player)
+        moving = [curve for curve in curves if curve.data_path == "location"]
+        if not moving:  # to ask all curves of bones for their frames took most of this
+            continue
         is_strip = isinstance(player, bpy.types.NlaStrip)
         first = player.action_frame_start if is_strip else span_of(player.action, curves)[0]
-        for curve in curves:
-            if curve.data_path == "location":
-                now = item.location[curve.array_index]
-                way[curve.array_index] = curve.evaluate(first) - now
+        for curve in moving:
+            now = item.location[curve.array_index]
+            way[curve.array_index] = curve.evaluate(first) - now
     return way
