@@ -25,6 +25,7 @@ from ..scene.shot_reference import SceneMoment, frame_of
 from ..scene.sources.crowd_sources import check_recorded
 from ..scene.sources.record_points import shared_record
 from ..settings import needs
+from ..settings.crowds import check_stored
 from ..settings.stored_figures import keep_costs
 from .appended_builds import note_on_sets
 from .bake import bake
@@ -51,6 +52,7 @@ def prepared(
     shows). Closed early, it leaves the scene as it was.
     """
     settings = scene.crowd_lod
+    check_stored(settings)
     layer = scene.view_layers[0]
     layer.update()
     earlier_groups = groups_of(settings)
