@@ -58,8 +58,8 @@ def main() -> None:
     names = [Path(wheel).name for wheel in manifest["wheels"]]
     if set(names) != pinned().keys():
         raise Failure(
-            f"{HASHES.name} and blender_manifest.toml list other wheels: write the hashes anew with "
-            f"sha256sum, in {WHEELS.name}"
+            f"{HASHES.name} and blender_manifest.toml list other wheels: write the hashes anew "
+            f"with sha256sum, in {WHEELS.name}"
         )
     fetch(names)
     extension_tool("validate", ROOT)

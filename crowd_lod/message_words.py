@@ -115,9 +115,9 @@ def _checked_in_part(several: Sequence[Message], _: str) -> str:
 def _beside_offset(several: Sequence[Message], _: str) -> str:
     verb, pronoun = ("stands", "its") if len(several) == 1 else ("stand", "their")
     return (
-        f"{_each(several, '{subject} ({beside} m)')} {verb} beside the Instance Offset of {pronoun} "
-        f"collection, so {pronoun} rig or mesh places the agents. To move the offset there, use Set "
-        f"Offset from Object in the Object Properties."
+        f"{_each(several, '{subject} ({beside} m)')} {verb} beside the Instance Offset of "
+        f"{pronoun} collection, so {pronoun} rig or mesh places the agents. To move the offset "
+        f"there, use Set Offset from Object in the Object Properties."
     )
 
 
@@ -163,9 +163,9 @@ def _still_poses(several: Sequence[Message], _: str) -> str:
 def _by_time(several: Sequence[Message], _: str) -> str:
     verb, pronoun = ("is", "it") if len(several) == 1 else ("are", "them")
     return (
-        f"{_each(several, '{subject} (by {movers})')} {verb} moved by the scene's time, which agents "
-        f"do not play: renders show {pronoun} as at frame 1. Give {pronoun} an action, on a rig or "
-        f"on shape keys."
+        f"{_each(several, '{subject} (by {movers})')} {verb} moved by the scene's time, which "
+        f"agents do not play: renders show {pronoun} as at frame 1. Give {pronoun} an action, on a "
+        f"rig or on shape keys."
     )
 
 

@@ -53,6 +53,12 @@ class Pauses:
         self._until = None
         return True
 
+    def after(self, progress: float, put_back: Callable[[], object]) -> Iterator[float]:
+        """Yield the progress if a pause is due, once what the work has changed is put back."""
+        if self.is_due():
+            put_back()
+            yield progress
+
 
 class Workload:
     """Work in parts: what it costs is announced, then the parts are done, and the progress follows.

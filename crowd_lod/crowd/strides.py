@@ -69,7 +69,7 @@ def how_it_plays(
 
 
 def _judge_way(cycle: Cycle, forward: tuple[float, float], speeds: Sequence[float]) -> Plays:
-    """Return Plays.WAY if agents of these `speeds` walk by the way that it travels; else why not."""
+    """Return Plays.WAY if agents of these `speeds` walk by its way; else why they do not."""
     length = float(np.hypot(*cycle.way))
     if not length:
         return Plays.IN_PLACE

@@ -194,9 +194,9 @@ def decide(shot: Shot, pop_reduction: float = 0.05) -> Generator[float, None, Sh
     pop_reduction: the part by which time, memory and instances may cost more than the thresholds'
         LODs, to avoid switches in sight. 0 still avoids those that cost nothing.
 
-    Of the plans that the ways to share meshes lead to (ways_of), it is the one whose switches are noticed
-    least. It has no more switches than thresholds have, and changes no more pixels by them, unless
-    that costs more or a switch would show more than `Shot.allowed` lets it.
+    Of the plans that the ways to share meshes lead to (ways_of), it is the one whose switches are
+    noticed least. It has no more switches than thresholds have, and changes no more pixels by them,
+    unless that costs more or a switch would show more than `Shot.allowed` lets it.
     """
     limit = limit_of(shot, pop_reduction)
     # where agents share meshes that cost much, few agents would share them less

@@ -72,8 +72,8 @@ def check_climbs(ways: np.ndarray, rises: np.ndarray, places: np.ndarray) -> boo
     places: (3, n) meters.
     """
     x, y, z = places
-    strip = np.floor((x - x.min()) / STRIP).astype(np.intp)
-    lowest = np.full(strip.max() + 1, np.inf)
+    strips, strip = np.unique(np.floor(x / STRIP), return_inverse=True)
+    lowest = np.full(len(strips), np.inf)
     highest = -lowest
     np.minimum.at(lowest, strip, z)
     np.maximum.at(highest, strip, z)

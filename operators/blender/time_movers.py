@@ -1,4 +1,4 @@
-"""What moves objects by the scene's time, without an action: caches, nodes, drivers, simulations."""
+"""What moves objects by the scene's time without an action: caches, nodes, drivers, simulations."""
 
 import re
 from collections.abc import Iterator, Sequence

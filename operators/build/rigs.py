@@ -354,10 +354,7 @@ def _off(
         for time in moments:
             performance.go_to(character.stage, time)
             distances.append(measure_copies(copies, character.actors, character.stage, origin))
-            progress = work.did(1)
-            if pauses.is_due():
-                performance.rest()
-                yield progress
+            yield from pauses.after(work.did(1), performance.rest)
         return distances
     finally:
         performance.rest()

@@ -121,10 +121,7 @@ def read_shapes(
     with Posed(objects, (), performance) as posed:
         for frame in frames:
             shapes += posed.shapes(frame)
-            progress = work.did(1)
-            if pauses.is_due():
-                performance.rest()
-                yield progress
+            yield from pauses.after(work.did(1), performance.rest)
     return shapes
 
 

@@ -168,10 +168,7 @@ def look_at(
         for k, ((mine, theirs), level) in enumerate(zip(pairs, levels, strict=True)):
             off = mine.distances(character, level), theirs.distances(level, character)
             distances[k, number] = max(each.max(initial=0) for each in off)
-        progress = work.did(1)
-        if pauses.is_due():
-            posed.performance.rest()
-            yield progress
+        yield from pauses.after(work.did(1), posed.performance.rest)
     posed.performance.rest()
     return distances
 

@@ -37,6 +37,8 @@ def test_an_axis_that_is_up_is_found_and_stairs_are_not():
         )
     crossing = np.array([way % 10, np.zeros(500), way / 50])  # y is up, and many cross a square
     assert judge.check_climbs(np.ones(500), np.zeros(500), crossing)
+    crossing[0, 0] = 1e12  # as far off as a file may have anybody
+    assert judge.check_climbs(np.ones(500), np.zeros(500), crossing)
 
 
 def test_who_floats_and_who_is_sunk_is_found_with_the_height():

@@ -118,10 +118,7 @@ def record(
                 places[item].append(np.array(matrix, np.float64))
             for rig in armatures:
                 _note(bones[rig.name], rig.evaluated_get(depsgraph), bone_names[rig])
-            progress = work.did(1)
-            if pauses.is_due():
-                performance.rest()
-                yield progress
+            yield from pauses.after(work.did(1), performance.rest)
         return bones, {item: np.array(matrices) for item, matrices in places.items()}
     finally:
         performance.rest()

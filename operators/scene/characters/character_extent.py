@@ -126,10 +126,7 @@ def posing(
             performance.go_to(stage, frame)
             depsgraph = stage.view_layers[0].depsgraph
             poses.append(measure(actors, depsgraph))
-            progress = work.did(1)
-            if pauses.is_due():
-                performance.rest()
-                yield progress
+            yield from pauses.after(work.did(1), performance.rest)
     return poses
 
 

@@ -25,9 +25,9 @@ def characters_in(
 ) -> dict[bpy.types.Object, list[bpy.types.Object]]:
     """Return the characters that `selected` belong to: root -> the root and all its shapes.
 
-    A root is a rig. Its shapes are what it deforms and what is parented or constrained to it. Shapes
-    that no rig moves have as root the topmost shape, or selected empty, that carries them. Empties
-    above all these, with no shape of others below them, come last.
+    A root is a rig. Its shapes are what it deforms and what is parented or constrained to it.
+    Shapes that no rig moves have as root the topmost shape, or selected empty, that carries them.
+    Empties above and below all these, that carry no shape of others, come last.
     """
     shapes = bone_shapes(scene.objects)
     usable = [item for item in scene.objects if item not in shapes and is_shape(item)]
