@@ -1,7 +1,5 @@
 """Actions that were made for another skeleton: turned over by a formula, or refused by name."""
 
-from contextlib import contextmanager
-
 import bpy
 import numpy as np
 import pytest
@@ -9,7 +7,7 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.blender.action_fit import fit_of
 from crowd_lod_extension.operators.blender.named_actions import performance_of
 
-from ..support.characters import character, new, skin, tube
+from ..support.characters import character, edited, new, skin, tube
 from ..support.messages import told
 
 # name -> (head, tail, parent): a person who holds out the arms
@@ -34,15 +32,6 @@ HANGING = {
     )
 }
 FRAMES = (1, 4, 9, 17, 25)
-
-
-@contextmanager
-def edited(armature):
-    """The rig's bones in Edit Mode."""
-    bpy.context.view_layer.objects.active = armature
-    bpy.ops.object.mode_set(mode="EDIT")
-    yield armature.data.edit_bones
-    bpy.ops.object.mode_set(mode="OBJECT")
 
 
 def skeleton(name, bones=BODY, size=1.0, roll=0.0):

@@ -2,8 +2,6 @@
 theirs.
 """
 
-from contextlib import contextmanager
-
 import bpy
 import numpy as np
 import pytest
@@ -13,7 +11,7 @@ from crowd_lod_extension.operators.scene.characters.stored_groups import groups_
 from crowd_lod_extension.operators.scene.characters.take_action import CROWDLOD_OT_take_action
 from crowd_lod_extension.operators.ui import steps
 
-from ..support.characters import character, new, rig, skin, tube
+from ..support.characters import character, edited, new, rig, skin, tube
 from ..support.freshness import changed_since_populate
 from ..support.messages import told
 
@@ -26,15 +24,6 @@ def bent(name):
     bpy.context.scene.collection.objects.link(armature)
     armature.animation_data.action.name = f"{name} walk"
     return armature, armature.animation_data.action
-
-
-@contextmanager
-def edited(armature):
-    """The rig's bones in Edit Mode."""
-    bpy.context.view_layer.objects.active = armature
-    bpy.ops.object.mode_set(mode="EDIT")
-    yield armature.data.edit_bones
-    bpy.ops.object.mode_set(mode="OBJECT")
 
 
 @pytest.fixture

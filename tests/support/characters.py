@@ -1,5 +1,8 @@
 """Small characters as users have them, for the tests of LOD meshes."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import bpy
 import numpy as np
 from crowd_lod_extension.operators.blender.materials import switch_nodes_on
@@ -91,6 +94,15 @@ def character(*objects: bpy.types.Object, name: str = "someone") -> bpy.types.Co
         group.objects.link(item)
     scene.crowd_lod.characters = top
     return group
+
+
+@contextmanager
+def edited(armature: bpy.types.Object) -> Iterator[bpy.types.ArmatureEditBones]:
+    """The rig's bones in Edit Mode."""
+    bpy.context.view_layer.objects.active = armature
+    bpy.ops.object.mode_set(mode="EDIT")
+    yield armature.data.edit_bones
+    bpy.ops.object.mode_set(mode="OBJECT")
 
 
 def new(name: str, data) -> bpy.types.Object:
