@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from html import escape
 
 from ..format import number
-from ..validation.render_proof import describe_difference, verdict, worst_agents
+from ..validation.render_proof import verdict
 from .html_report import STYLE, cards, document, list_of, table_of
 
 COLUMNS = (
@@ -14,25 +14,27 @@ COLUMNS = (
     "For shadows",
     "For mirrors",
     "Pixels that culling changes",
-    "Pixels without those kept",
-    "Agents judged",
-    "Shift measured, px",
-    "Shift predicted, px",
-    "Shift allowed, px",
-    "Visibly other by LODs, %",
+    "By outline",
+    "By presence",
+    "Too small",
+    "Missing or too much",
+    "Off by too much",
+    "Largest error, px",
+    "Allowed, px",
+    "Colors differ by",
     "OK",
 )
 AGENT_COLUMNS = (
     "Frame",
     "Agent",
     "LOD",
-    "Shift, px",
-    "Give or take, px",
+    "Judged by",
+    "Error, px",
     "Predicted, px",
     "Allowed, px",
-    "Color off, %",
     "OK",
 )
+MOST_AGENTS = 30  # rows of the table of agents: those that are wrong, and the worst
 
 
 def verify_page(title: str, result: dict) -> str:
@@ -43,6 +45,7 @@ def verify_page(title: str, result: dict) -> str:
     """
     rows = result["frames"]
     frames = f"{len(rows)} {'frame' if len(rows) == 1 else 'frames'}"
+    agents = sorted(result["agents"], key=lambda agent: agent["ok"] is not False)[:MOST_AGENTS]
     return document(
         f"{escape(title)}: proof by renders",
         STYLE,
@@ -50,98 +53,71 @@ def verify_page(title: str, result: dict) -> str:
             f"<h1>{escape(title)}: proof by renders</h1>",
             f"<p>{escape(verdict(result))}</p>",
             cards(_figures(rows)),
-            "<h2>Pictures</h2>",
+            "<h2>Worst places</h2>",
+            "<p>Of each frame the three worst places, large: everyone at full detail, as built, "
+            "and where they differ. Of an agent red is what the build lost of it, blue what is too "
+            "much, light gray what both show; of colors the difference, amplified.</p>",
+            *[
+                _picture(f"frame_{row['frame']:04d}_places.png", f"Frame {row['frame']}")
+                for row in rows
+            ],
+            "<h2>Whole pictures</h2>",
             f"<p>{escape(_columns(result))}</p>",
-            '<section><a href="contact_sheet.png"><img src="contact_sheet.png" alt="The pictures '
-            'of each frame and their differences"></a></section>',
+            _picture("contact_sheet.png", "The pictures of each frame and their differences"),
             "<h2>Frames</h2>",
-            "<p>Agents outside the picture are kept for their shadows and reflections in it; "
-            "without those kept, other pixels change. "
-            "A pixel is visibly other from 2 of 255 on, shading included, which nothing "
-            "predicts.</p>",
+            "<p>Who is wide enough is judged by the outline: how far it is off, in pixels of the "
+            "final picture. Others are judged by whether they are there. Colors differ by the mean "
+            "over a patch of 8 x 8 pixels, of 1; from 0.1 on that is wrong.</p>",
             table_of(COLUMNS, [_cells(row) for row in rows]),
-            *_agents(result),
+            "<h2>Agents</h2>",
+            "<p>Those that are wrong, then those whose outline is off most. Whom an override pins, "
+            "who is blurred or fades, is bound by no tolerance.</p>",
+            table_of(AGENT_COLUMNS, [_agent_cells(agent) for agent in agents]),
             list_of("What was left out", result["left_out"]),
             list_of("What is not proved", result["not_proved"]),
             f"<footer>{frames}, {result['width']} pixels wide, {result['samples']} samples a "
             f"pixel, by "
             f"<code>{escape(' '.join(result['command']))}</code>. verify.csv has all figures of "
-            f"each frame, verify.json too.</footer>",
+            f"each frame, verify.json those of agents and patches, too.</footer>",
         ],
     )
 
 
-def _agents(result: dict) -> list[str]:
-    """Return the part on the agents that were rendered alone."""
-    agents = result["agents"]
-    if not agents:
-        return []
-    pictures = [
-        _worst_of(frame, [agent for agent in agents if agent["frame"] == frame])
-        for frame in dict.fromkeys(agent["frame"] for agent in agents)
-    ]
-    return [
-        "<h2>Agents</h2>",
-        "<p>Of each frame the agents that are predicted worst, and others drawn by chance, were "
-        "rendered alone, at full detail and as built, at the size of the final picture or finer. "
-        "A silhouette's shift is "
-        "the largest distance from "
-        "one to the other, in pixels of the final picture. Agents that overrides pin, that blur "
-        "lets be coarser, or that are in a cross-fade, stand apart.</p>",
-        *pictures,
-        table_of(AGENT_COLUMNS, [_agent_cells(agent) for agent in agents]),
-    ]
-
-
-def _worst_of(frame: int, agents: Sequence[dict]) -> str:
-    """Return the picture of a frame's worst agents, with what its rows and columns are."""
-    name = f"frame_{frame:04d}_agents.png"
-    worst = [agents[k] for k in worst_agents(agents)]
-    rows = "; ".join(
-        f"agent {agent['agent']:,} at LOD {agent['lod']}, {describe_difference(agent)}"
-        for agent in worst
-    )
-    return (
-        f"<section><h3>Frame {frame}</h3><p>From the left: everyone at full detail, as built, and "
-        f"where they differ, amplified. From the top: {rows}.</p>"
-        f'<a href="{name}"><img src="{name}" alt="The worst agents of frame {frame}"></a></section>'
-    )
+def _picture(name: str, words: str) -> str:
+    return f'<section><a href="{name}"><img src="{name}" alt="{words}"></a></section>'
 
 
 def _agent_cells(agent: dict) -> list[str]:
     ok = "-" if agent["ok"] is None else "yes" if agent["ok"] else "no"
+    error = number(agent["error_px"])
     return [
         *(f"{agent[key]:,}" for key in ("frame", "agent", "lod")),
-        *(number(agent[key]) for key in ("shift_px", "error_px", "predicted_px", "allowed_px")),
-        number(100 * agent["color_off"]),
+        agent["by"] or "-",
+        "missing" if agent["missing"] else "too much" if agent["extra"] else error,
+        *(number(agent[key]) for key in ("predicted_px", "allowed_px")),
         agent["apart"] or ok,
     ]
 
 
 def _figures(rows: Sequence[dict]) -> list[tuple[str, str]]:
-    shifts, allowed = ([row[key] for row in rows] for key in ("silhouette_shift", "allowed_shift"))
+    judged = sum(row["by_outline"] + row["by_presence"] for row in rows)
+    errors = [row["error_px"] for row in rows if row["error_px"] is not None]
     return [
         (f"{len(rows)}", "frames rendered"),
-        (f"{max(row['agents'] for row in rows):,}", "agents"),
-        (f"{max(row['visible'] for row in rows):,}", "visible at most"),
-        (f"{sum(row['b_pixels'] for row in rows):,}", "pixels that culling changes"),
-        (
-            number(max((each for each in shifts if each is not None), default=None)),
-            "pixels that LODs shift silhouettes at most",
-        ),
-        (number(None if None in allowed else max(allowed)), "pixels allowed"),
+        (f"{judged:,}", "agents judged"),
+        (f"{sum(row['missing'] + row['extra'] + row['off'] for row in rows):,}", "of them wrong"),
+        (number(max(errors, default=None)), "pixels that outlines are off at most"),
+        (number(max(row["color_off"] for row in rows)), "of 1, that colors differ at most"),
+        (f"{sum(row['culling_pixels'] for row in rows):,}", "pixels that culling changes"),
     ]
 
 
 def _columns(result: dict) -> str:
     """Return what the contact sheet shows, in sentences."""
-    more = (
-        " Its second row has the light of the sky and of bounces, too." if result["bounces"] else ""
-    )
     return (
         f"Each row is a frame, from the left: {'; '.join(result['pictures'].values())}. Then how "
-        f"the last three differ from the "
-        f"first, {result['amplified']} times as bright; black is no difference.{more}"
+        f"the last two differ from the "
+        f"first, {result['amplified']} times as bright; black is no difference."
     )
 
 
@@ -149,21 +125,12 @@ def _cells(row: dict) -> list[str]:
     wrong = [
         what for what, ok in (("culling", row["culling_ok"]), ("LODs", row["lod_ok"])) if not ok
     ]
+    counts = "frame", "agents", "visible", "shadow", "mirrored", "culling_pixels"
+    ways = "by_outline", "by_presence", "not_judged"
     return [
-        *(
-            f"{row[key]:,}"
-            for key in (
-                "frame",
-                "agents",
-                "visible",
-                "shadow",
-                "mirrored",
-                "b_pixels",
-                "bare_pixels",
-            )
-        ),
-        f"{row['judged']:,}",
-        *(number(row[key]) for key in ("silhouette_shift", "predicted_shift", "allowed_shift")),
-        number(100 * row["c_share"]),
+        *(f"{row[key]:,}" for key in (*counts, *ways)),
+        f"{row['missing'] + row['extra']:,}",
+        f"{row['off']:,}",
+        *(number(row[key]) for key in ("error_px", "allowed_px", "color_off")),
         f"no: {', '.join(wrong)}" if wrong else "yes",
     ]

@@ -1,10 +1,7 @@
-"""The proof by renders: differences of two pictures, and the text on culling, LODs, and what is
-not proved.
-"""
+"""What a proof by renders says: whether pictures are the same, and the verdict in words."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -13,7 +10,10 @@ from ..format import counted, number
 # Part of a value above 1, or of 1, by which renderers may round it: of two renders whose meshes
 # have other instances, single pixels were off by 3.8e-6.
 NOISE = 1e-5
-VISIBLE = 2 / 255
+# kinds of builds that the scene had before the proof
+BUILDS = {"bake": "the bake", "build": "the build"}
+REMEDIES = {"bake": "bake again", "build": "press Build again"}
+NAMED = 5  # agents, or frames, that a sentence names
 
 
 @dataclass(frozen=True)
@@ -21,17 +21,11 @@ class Difference:
     """The difference of two pictures.
 
     pixels: how many differ by more than NOISE.
-    visible: how many differ by more than VISIBLE in a linear channel.
-    share: the visible ones' part of the picture.
-    largest, mean, rms: of the absolute difference, over pixels and channels.
+    largest: of the absolute difference, linear.
     """
 
     pixels: int
-    visible: int
-    share: float
     largest: float
-    mean: float
-    rms: float
 
 
 def difference_of(a: np.ndarray, b: np.ndarray) -> Difference:
@@ -43,69 +37,11 @@ def difference_of(a: np.ndarray, b: np.ndarray) -> Difference:
         off = np.abs(a - b)
     off[(a == b) | (np.isnan(a) & np.isnan(b))] = 0
     off[np.isnan(off)] = np.inf
-    most = off.max(axis=2)
-    visible = int((most > VISIBLE).sum())
-    finite = np.minimum(off, np.finfo(np.float32).max)
-    mean = finite.mean(dtype=np.float64)
-    rms = np.sqrt(np.square(finite, dtype=np.float64).mean())
     with np.errstate(invalid="ignore"):
         large = np.fmax(np.fmax(np.abs(a), np.abs(b)), 1.0)
-        differs = (off > NOISE * large).any(axis=2) | np.isinf(most)
-    return Difference(
-        int(differs.sum()),
-        visible,
-        visible / most.size,
-        float(finite.max()),
-        float(mean),
-        float(rms),
-    )
-
-
-# kinds of builds that the scene had before the proof
-BUILDS = {"bake": "the bake", "build": "the build"}
-MOST_SHOWN = 4  # agents of a frame in its picture
-REMEDIES = {"bake": "bake again", "build": "press Build again"}
-
-
-def agents_row(agents: Sequence[dict], tolerance: float | None) -> dict[str, Any]:
-    """Return the columns of a frame's row about the agents that were rendered alone.
-
-    agents: dicts of lone_agents.facts_of.
-    tolerance: pixels; None where LODs may deviate as far as their bounds predict.
-    """
-    judged = [agent for agent in agents if not agent["apart"]]
-    apart = [agent["shift_px"] for agent in agents if agent["apart"]]
-    predicted = [agent["predicted_px"] for agent in judged]
-    return {
-        "judged": sum(agent["ok"] is not None for agent in judged),
-        "silhouette_shift": max((agent["shift_px"] for agent in judged), default=None),
-        "predicted_shift": None if None in predicted else max(predicted, default=None),
-        "allowed_shift": tolerance,
-        "apart": len(apart),
-        "apart_shift": max(apart, default=None),
-        "color_off": max((agent["color_off"] for agent in judged), default=None),
-        "lod_ok": all(agent["ok"] is not False for agent in judged),
-    }
-
-
-def worst_agents(agents: Sequence[dict]) -> list[int]:
-    """Return the places of the MOST_SHOWN worst agents: those that are wrong, then by shift."""
-    order = sorted(
-        range(len(agents)), key=lambda k: (agents[k]["ok"] is not False, -agents[k]["shift_px"])
-    )
-    return order[:MOST_SHOWN]
-
-
-def describe_difference(agent: dict) -> str:
-    """Return by how much an agent is off: its silhouette, or its color if that is what is wrong."""
-    if agent["ok"] is False and not _shifts_too_far(agent):
-        return f"color {agent['color_off']:.0%} off"
-    return f"{number(agent['shift_px'])} px off"
-
-
-def _shifts_too_far(agent: dict) -> bool:
-    allowed = agent["allowed_px"]
-    return allowed is not None and agent["shift_px"] - agent["error_px"] > allowed
+        differs = (off > NOISE * large).any(axis=2) | np.isinf(off).any(axis=2)
+    largest = float(np.minimum(off, np.finfo(np.float32).max).max())
+    return Difference(int(differs.sum()), largest)
 
 
 def is_ok(result: dict) -> bool:
@@ -116,42 +52,85 @@ def is_ok(result: dict) -> bool:
 
 
 def to_text(result: dict) -> str:
-    """Return lines from the dict of verify.json: the build's, culling, LODs, not proved."""
-    rows = result["frames"]
-    about = [f"{said[0].upper()}{said[1:]}." for said in _build(result["build"])]
-    return "\n".join(
-        (*about, _culling(rows, result["bounces"]), _levels(result), _left_open(result))
-    )
+    """Return lines from the dict of verify.json: the verdict, and what is not proved."""
+    left_open = f"Not proved: {'; '.join(result['not_proved'])}."
+    return "\n".join((verdict(result), " ".join((left_open, *result["left_out"]))))
 
 
 def verdict(result: dict) -> str:
-    """Return in one sentence whether the proof of verify.json holds: culling, then silhouettes."""
-    rows = result["frames"]
-    build = result["build"]
-    differ = sum(row["b_pixels"] for row in rows)
-    wrong = [row["frame"] for row in rows if not row["culling_ok"]]
-    culling = (
-        f"culling changes {differ:,} {'pixel' if differ == 1 else 'pixels'}"
-        if differ
-        else "culling changes no pixel"
-    )
-    where = _frames(wrong or rows) if wrong or not differ else f"{_frames(rows)}, by rounding alone"
-    strangers = sum(row["strangers"] for row in rows)
-    phrases = [
-        *_build(build),
-        f"{culling} in {where}",
-        *[
-            f"{counted(strangers, 'point')} of it "
-            f"{'is no agent' if strangers == 1 else 'are no agents'}"
+    """Return in one sentence whether the proof of verify.json holds, and what is wrong."""
+    if not result["ok"]:
+        phrases = [
+            *_of_build(result["build"]),
+            *_of_outlines(result),
+            *_of_colors(result["patches"]),
+            *_of_culling(result["frames"]),
         ]
-        * (strangers > 0),
-        *_shifts(result),
+        return f"Failed: {'; '.join(phrases)}."
+    rows = result["frames"]
+    judged = sum(row["by_outline"] + row["by_presence"] for row in rows)
+    of_build = f" of {BUILDS[result['build']['kind']]}" if result["build"]["kind"] in BUILDS else ""
+    subject = f"{counted(judged, 'agent')}{of_build} in {counted(len(rows), 'frame')}"
+    ways = [
+        f"{count:,} {how}"
+        for how, count in (
+            ("by outline", sum(row["by_outline"] for row in rows)),
+            ("by presence", sum(row["by_presence"] for row in rows)),
+            ("too small to judge", sum(row["not_judged"] for row in rows)),
+        )
+        if count
     ]
-    about = f" for {BUILDS[build['kind']]}" if build["kind"] in BUILDS else ""
-    return f"{'OK' if result['ok'] else 'Not OK'}{about}: {'; '.join(phrases)}."
+    how = f" ({', '.join(ways)})" if len(ways) > 1 else ""
+    phrases = [*_largest_error(rows), f"colors within {_largest_color(rows):.2f}"]
+    return f"Passed: {subject}{how}, {'; '.join([*phrases, *_of_culling(rows)])}."
 
 
-def _build(build: dict) -> list[str]:
+def describe(agent: dict) -> str:
+    """Return what is told of an agent's outline in a few words."""
+    if agent["missing"]:
+        return "is missing"
+    if agent["extra"]:
+        return "should not be seen"
+    if agent["error_px"] is None:
+        return "not judged"
+    limit = "" if agent["allowed_px"] is None else f" of {number(agent['allowed_px'])}"
+    return f"off by {number(agent['error_px'])} px{limit}"
+
+
+def worst_frame(result: dict) -> int:
+    """Return the number of the frame of verify.json that is farthest off."""
+
+    def badness(row: dict) -> tuple:
+        gone = row["missing"] + row["extra"]
+        return not row["lod_ok"], gone, row["error_px"] or 0.0, row["color_off"]
+
+    return max(result["frames"], key=badness)["frame"]
+
+
+def _largest_error(rows: Sequence[dict]) -> list[str]:
+    """Return the phrase on the largest error of outlines, and of those apart."""
+    measured = [row for row in rows if row["error_px"] is not None]
+    phrases = []
+    if measured:
+        worst = max(measured, key=lambda row: row["error_px"] - row["allowed_px"])
+        phrases.append(
+            f"largest error {worst['error_px']:.1f} px of {worst['allowed_px']:.1f}, give or take "
+            f"{worst['give_or_take_px']:.1f}"
+        )
+    apart = sum(row["apart"] for row in rows)
+    if apart:
+        most = max(row["apart_px"] for row in rows if row["apart"])
+        phrases.append(
+            f"{counted(apart, 'agent')} pinned, blurred or fading by up to {most:.1f} px"
+        )
+    return phrases
+
+
+def _largest_color(rows: Sequence[dict]) -> float:
+    return max(row["color_off"] for row in rows)
+
+
+def _of_build(build: dict) -> list[str]:
     """Return what is wrong with a build as a whole, in phrases."""
     name = BUILDS.get(build["kind"], "")
     phrases = [f"{name} is hidden from renders"] * build["hidden"]
@@ -162,110 +141,75 @@ def _build(build: dict) -> list[str]:
     return phrases
 
 
-def _shifts(result: dict) -> list[str]:
-    """Return phrases on the shift of silhouettes: the largest, the worst failure, those apart."""
-    rows = result["frames"]
-    judged = sum(row["judged"] for row in rows)
-    shifts = [row["silhouette_shift"] for row in rows if row["silhouette_shift"] is not None]
-    if not judged or not shifts:
-        return ["silhouettes were not judged"]
-    allowed = [row["allowed_shift"] for row in rows if row["allowed_shift"] is not None]
-    predicted = [row["predicted_shift"] for row in rows if row["predicted_shift"] is not None]
-    bound = (
-        f"{max(allowed):.2f} allowed"
-        if allowed
-        else f"{max(predicted):.2f} predicted"
-        if predicted
-        else "no more is known"
-    )
-    phrases = [
-        f"LODs shift silhouettes at most {max(shifts):.2f} px, {bound}, {counted(judged, 'agent')}"
-    ]
+def _of_outlines(result: dict) -> list[str]:
+    """Return what is wrong with agents' outlines, in phrases."""
+    phrases = []
     wrong = [agent for agent in result["agents"] if agent["ok"] is False]
-    if wrong:
-        phrases.append(_wrong(max(wrong, key=lambda agent: agent["shift_px"])))
-    apart = sum(row["apart"] for row in rows)
-    if apart:
-        names = " or ".join(
-            sorted({agent["apart"] for agent in result["agents"] if agent["apart"]}, reverse=True)
+    for kind, one, many in (
+        ("missing", "agent is missing", "agents are missing"),
+        ("extra", "agent should not be seen", "agents should not be seen"),
+    ):
+        rows = [row for row in result["frames"] if row[kind]]
+        if rows:
+            row = max(rows, key=lambda row: row[kind])
+            names = [str(a["agent"]) for a in wrong if a[kind] and a["frame"] == row["frame"]]
+            more = sum(other[kind] for other in rows) - row[kind]
+            phrases.append(
+                f"{counted(row[kind], one, many)} in frame {row['frame']}: "
+                f"{_few(names, row[kind])}{f' ({more:,} in other frames)' if more else ''}"
+            )
+    off = [agent for agent in wrong if agent["error_px"] is not None]
+    if off:
+        worst = max(off, key=lambda agent: agent["error_px"])
+        count = sum(row["off"] for row in result["frames"]) - 1
+        phrases.append(
+            f"agent {worst['agent']} (LOD {worst['lod']}, frame {worst['frame']}) is off by "
+            f"{worst['error_px']:.1f} px of {worst['allowed_px']:.1f}"
+            f"{f', and {count:,} more' if count else ''}"
         )
-        most = max(row["apart_shift"] for row in rows if row["apart"])
-        phrases.append(f"{counted(apart, 'agent')} apart ({names}) at most {most:.2f} px")
     return phrases
 
 
-def _wrong(agent: dict) -> str:
-    """Return what is wrong with an agent."""
-    subject = f"agent {agent['agent']} at LOD {agent['lod']} in frame {agent['frame']}"
-    if _shifts_too_far(agent):
-        return (
-            f"{subject} shifts {agent['shift_px']:.2f} px, {agent['allowed_px']:.2f} allowed there"
-        )
-    return (
-        f"{subject} has another color than the character, {agent['color_off']:.0%} off on average"
-    )
-
-
-def _culling(rows: list[dict], bounces: int) -> str:
-    """Return in a sentence how many pixels the culling changes.
-
-    It says as well how many would change without the agents kept for shadows and mirrors alone.
-    """
-    wrong = [row["frame"] for row in rows if not row["culling_ok"]]
-    differ, bare = (sum(row[f"{name}_pixels"] for row in rows) for name in ("b", "bare"))
-    strangers = sum(row["strangers"] for row in rows)
-    if wrong:
-        sentence = (
-            f"Culling: WRONG, {counted(differ, 'pixel differs', 'pixels differ')} in "
-            f"{_frames(wrong)}"
-        )
-    elif differ:
-        most = max(row["b_largest"] for row in rows)
-        sentence = (
-            f"Culling: {counted(differ, 'pixel differs', 'pixels differ')} in {_frames(rows)}, "
-            f"by {most:.1g} at most"
-        )
+def _of_colors(patches: Sequence[dict]) -> list[str]:
+    """Return what is wrong with colors, in phrases."""
+    if not patches:
+        return []
+    worst = max(patches, key=lambda patch: patch["off"])
+    wide, high = worst["size_px"]
+    if worst["agent"] is not None:
+        reason = f"on agent {worst['agent']}: another material?"
     else:
-        sentence = f"Culling: no pixel differs in {_frames(rows)}"
-    sentence += (
-        f", {counted(strangers, 'point is no agent', 'points are no agents')}" if strangers else ""
-    )
-    sentence += (
-        f" ({bare:,} would differ without the agents kept for shadows and mirrors)."
-        if bare > differ
-        else "."
-    )
-    if bounces:
-        row = max(rows, key=lambda row: row["b_bounces_share"])
-        sentence += (
-            f" With the sky and {counted(bounces, 'bounce')} up to "
-            f"{row['b_bounces_share']:.2%} differ visibly "
+        reason = "no shadow?" if worst["brighter"] > 0 else "a shadow too much?"
+    more = f", and {len(patches) - 1:,} more" if len(patches) > 1 else ""
+    return [
+        f"a patch of {wide:.0f} x {high:.0f} px differs by {worst['off']:.2f} in frame "
+        f"{worst['frame']}{more}: {reason}"
+    ]
+
+
+def _of_culling(rows: Sequence[dict]) -> list[str]:
+    """Return in phrases how many pixels the culling changes, and how many points are no agents."""
+    differ = sum(row["culling_pixels"] for row in rows)
+    wrong = [row for row in rows if not row["culling_ok"]]
+    strangers = sum(row["strangers"] for row in rows)
+    phrases = []
+    if not differ:
+        phrases.append("culling changes no pixel")
+    elif wrong:
+        where = _few([str(row["frame"]) for row in wrong], len(wrong))
+        frames = "frame" if len(wrong) == 1 else "frames"
+        phrases.append(f"culling changes {counted(differ, 'pixel')} in {frames} {where}")
+    else:
+        phrases.append(f"culling changes {counted(differ, 'pixel')} by rounding alone")
+    if strangers:
+        phrases.append(
+            f"{counted(strangers, 'point is no agent', 'points are no agents')} of this crowd"
         )
-        sentence += f"(frame {row['frame']})."
-    return sentence
+    return phrases
 
 
-def _levels(result: dict) -> str:
-    """Return in a sentence how far silhouettes shift, and what share of pixels differs."""
-    rows = result["frames"]
-    wrong = [row["frame"] for row in rows if not row["lod_ok"]]
-    shifts = "; ".join(_shifts(result)).replace("LODs shift silhouettes", "silhouettes shift", 1)
-    sentence = f"LODs: {f'WRONG in {_frames(wrong)}, ' if wrong else ''}{shifts}"
-    row = max(rows, key=lambda row: row["c_share"])
-    sentence += (
-        f"; {row['c_share']:.2%} of the pixels differ visibly, shading included, by "
-        f"{row['c_mean']:.2g} on average"
-    )
-    return f"{sentence} (frame {row['frame']}; not predicted)."
-
-
-def _left_open(result: dict) -> str:
-    return " ".join((f"Not proved: {'; '.join(result['not_proved'])}.", *result["left_out"]))
-
-
-def _frames(frames: list) -> str:
-    """Return words for frames: the count of rows (dicts), or the first five of frame numbers."""
-    if frames and isinstance(frames[0], dict):
-        return f"{len(frames)} frame{'s' * (len(frames) > 1)}"
-    rest = f" and {len(frames) - 5} more" if len(frames) > 5 else ""
-    return f"frame{'s' * (len(frames) > 1)} {', '.join(map(str, frames[:5]))}{rest}"
+def _few(names: Sequence[str], count: int) -> str:
+    """Return the first names, and how many more of `count` there are."""
+    shown = list(names[:NAMED])
+    rest = count - len(shown)
+    return f"{', '.join(shown)} and {rest:,} more" if rest > 0 else ", ".join(shown)

@@ -9,9 +9,6 @@ from ..culling.camera import Camera
 from ..simplification.triangle_mesh import ranges
 
 EDGE = 1e-9  # pixels by which a center may miss an edge that it lies on, by rounding
-# coverage of a pixel
-TOUCHED = 1e-6
-SOLID = 0.5
 # directions at eye level, and from ABOVE_DEGREES above it
 AROUND = 8
 ABOVE = 4
@@ -63,22 +60,13 @@ def project(
     return np.stack([v @ right * scale, v @ np.cross(towards, right) * scale, depth], axis=1)
 
 
-def shift(coverage: np.ndarray, other_coverage: np.ndarray) -> float:
-    """Return by how many pixels two rendered silhouettes lie apart.
+def outside(
+    mask: np.ndarray, other_mask: np.ndarray, farthest: float = np.inf
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return (row, column, distance to `other_mask`), each (k,), of pixels in `mask` only.
 
-    This is the largest distance from a pixel that one covers by half or more to the nearest pixel
-    that the other touches, both ways: the Hausdorff distance of the two areas, not of their
-    outlines. If a gap narrower than a pixel closes, no outline moves by more than half of it, while
-    the gap's own outline may be anywhere else. A shift of s pixels shows as s - 1 to s + 1.
-    Infinite if one of them alone is empty.
-    coverage, other_coverage: (rows, columns) float in [0, 1], the coverage of each pixel.
+    Distances above `farthest` are too large, or infinite.
     """
-    pairs = (coverage, other_coverage), (other_coverage, coverage)
-    return float(max(_off(a >= SOLID, b > TOUCHED)[2].max(initial=0.0) for a, b in pairs))
-
-
-def _off(mask: np.ndarray, other_mask: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return (row, column, distance to `other_mask`), each (k,), of pixels in `mask` only."""
     row, column = np.nonzero(mask & ~other_mask)
     if not len(row) or not other_mask.any():
         return row, column, np.full(len(row), np.inf)
@@ -86,7 +74,7 @@ def _off(mask: np.ndarray, other_mask: np.ndarray) -> tuple[np.ndarray, np.ndarr
     best = along[row, column] ** 2
     for step in range(1, len(other_mask)):
         rest = np.flatnonzero(best > step * step)
-        if not len(rest):
+        if not len(rest) or step > farthest:
             break
         for side in (row[rest] - step, row[rest] + step):
             inside = (side >= 0) & (side < len(other_mask))
@@ -113,8 +101,8 @@ def error(
 ) -> tuple[float, float]:
     """Return (least, most), in pixels, between which the silhouette error lies.
 
-    The error is the largest `shift` between two surfaces' silhouettes over all
-    `directions`.
+    The error is the largest distance from one silhouette to the other, both ways,
+    over all `directions`: the Hausdorff distance of the areas, not of their outlines.
     surface, other_surface: (points (n, 3) meters, triangles (m, 3)).
     center: (3,), the point that the camera looks at.
     distance: meters from the camera to it. The camera must be outside both surfaces.
@@ -157,7 +145,7 @@ def _interval(
     If it may reach out by more than `least`, the farthest places are examined more finely.
     area, other_area: (m, 3, 2), corners of triangles. mask, other_mask: theirs.
     """
-    row, column, off = _off(mask, other_mask)
+    row, column, off = outside(mask, other_mask)
     most = off.max(initial=0.0)
     if not most or most + ERROR <= least or most > NEAR * ERROR:
         return max(most - ERROR, 0.0), most and most + ERROR
@@ -185,7 +173,7 @@ def _interval(
         )
         near[y, x] = True
         windows[0] &= near.repeat(closer, axis=0).repeat(closer, axis=1)
-        closest = max(closest, _off(*windows)[2].max(initial=0.0) / closer)
+        closest = max(closest, outside(*windows)[2].max(initial=0.0) / closer)
     return max(closest - ERROR / closer, 0.0), max(closest + ERROR / closer, most - ERROR)
 
 

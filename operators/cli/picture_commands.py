@@ -11,6 +11,7 @@ from ..deliver.preview.preview import in_sight, preview, verdict_in
 from ..deliver.preview.preview_stage import COLOR_MODES, ENGINES, Preview
 from ..deliver.proof.verify import Verify, verify
 from ..deliver.proof.verify_build import frames_to_verify
+from ..deliver.proof.verify_stage import WIDEST
 from . import shared_runs
 from .options import (
     add_command,
@@ -75,9 +76,8 @@ def add_verify(commands, program: str) -> None:
     command.add_argument(
         "--width",
         type=int,
-        default=Verify.width,
         metavar="PIXELS",
-        help=f"width of the pictures that are compared (default: {Verify.width})",
+        help=f"width of the pictures of colors (default: the scene's own, {WIDEST} at most)",
     )
     command.add_argument(
         "--samples",
@@ -87,13 +87,6 @@ def add_verify(commands, program: str) -> None:
         help=f"samples of each pixel that are rendered (default: {Verify.samples})",
     )
     add_strict_plan(command)
-    command.add_argument(
-        "--bounces",
-        type=int,
-        default=0,
-        metavar="N",
-        help="render again with the sky and N bounces (default: 0)",
-    )
 
 
 def _add_shot(command: argparse.ArgumentParser, program: str) -> None:
@@ -166,9 +159,9 @@ def _summary(plan: dict) -> str:
 
 def verify_shot(args) -> dict:
     """Run the command verify."""
-    check_range("--width", args.width, 16, 8192)
+    if args.width is not None:
+        check_range("--width", args.width, 16, 8192)
     check_range("--samples", args.samples, 1, 4096)
-    check_range("--bounces", args.bounces, 0, 64)
     scene = open_shot(args)
     settings = scene.crowd_lod
     stem = stem_of(args)
@@ -178,7 +171,6 @@ def verify_shot(args) -> dict:
         folder=files.absolute(args.out or Path(f"{stem}_verify")),
         width=args.width,
         samples=args.samples,
-        bounces=args.bounces,
         strict=args.strict,
     )
     sharing = shared_runs.sharing_of(args, scene, request.folder, request.frames)

@@ -10,22 +10,12 @@ def test_the_difference_is_counted_pixel_by_pixel():
     b[3, 3, 1] = 1e-4
     b[0, 0, 2] = np.nan
     found = difference_of(a, b)
-    assert (found.pixels, found.visible, found.share) == (3, 2, 0.1)
-    assert found.largest == pytest.approx(3.4e38, rel=0.01)
+    assert found.pixels == 3 and found.largest == pytest.approx(3.4e38, rel=0.01)
     c = a.copy()
     c[1, 2, 0] = 0.5
-    found = vars(difference_of(a, c))
-    assert found.pop("rms") == pytest.approx(0.5 / 80**0.5)
-    assert found == {"pixels": 1, "visible": 1, "share": 0.05, "largest": 0.5, "mean": 0.5 / 80}
+    assert vars(difference_of(a, c)) == {"pixels": 1, "largest": 0.5}
     same = np.where(np.isnan(b), np.float32(np.inf), b)
-    assert vars(difference_of(same, same.copy())) == {
-        "pixels": 0,
-        "visible": 0,
-        "share": 0.0,
-        "largest": 0.0,
-        "mean": 0.0,
-        "rms": 0.0,
-    }
+    assert vars(difference_of(same, same.copy())) == {"pixels": 0, "largest": 0.0}
     assert difference_of(b, b.copy()).pixels == 0
 
 

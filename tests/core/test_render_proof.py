@@ -1,168 +1,119 @@
-"""The proof's lines say no more than the pictures show."""
+"""The proof's words say what was judged, what is wrong and where."""
 
 import pytest
 from crowd_lod_extension.crowd_lod.validation.render_proof import (
-    agents_row,
-    describe_difference,
+    describe,
     is_ok,
     to_text,
     verdict,
-    worst_agents,
+    worst_frame,
 )
 
-ROW = {"frame": 3, "culling_ok": True, "lod_ok": True, "b_pixels": 0, "bare_pixels": 40, "c_share": 0.018, "c_mean": 0.0021,
-       "strangers": 0, "judged": 20, "silhouette_shift": 0.35, "predicted_shift": 0.9, "allowed_shift": 1.0, "apart": 0,
-       "apart_shift": None}  # fmt: skip
-AGENT = {"frame": 3, "agent": 7, "lod": 2, "shift_px": 0.35, "error_px": 0.1, "predicted_px": 0.9, "allowed_px": 1.04, "apart": "",
-         "color_off": 0.01, "ok": True}  # fmt: skip
+ROW = {"frame": 3, "culling_ok": True, "lod_ok": True, "culling_pixels": 0, "strangers": 0, "by_outline": 20, "by_presence": 0,
+       "not_judged": 0, "missing": 0, "extra": 0, "off": 0, "error_px": 0.86, "allowed_px": 1.0, "apart": 0, "apart_px": None,
+       "give_or_take_px": 0.71, "color_off": 0.066, "patches": 0}  # fmt: skip
+AGENT = {"frame": 3, "agent": 7, "lod": 2, "by": "outline", "error_px": 0.86, "allowed_px": 1.0, "apart": "", "missing": False,
+         "extra": False, "ok": True}  # fmt: skip
+PATCH = {"frame": 3, "size_px": (40.0, 60.0), "off": 0.71, "brighter": 0.3, "agent": None}
 BUILD = {"kind": "made for this proof", "older_than": [], "hidden": False}
-RESULT = {"frames": [ROW], "agents": [AGENT], "bounces": 0, "not_proved": ["other frames", "denoising"],
-          "left_out": ["One eye was looked at."], "build": BUILD, "ok": True}  # fmt: skip
-OTHER = {"frame": 9, "silhouette_shift": 0.1, "judged": 1}
+GONE = {"ok": False, "missing": True, "error_px": None}
 
 
-def proof(*changes, agent=None, build=None, **others):
-    rows = [ROW | change for change in changes or ({},)]
-    result = (
-        RESULT
-        | {"frames": rows, "agents": [AGENT | (agent or {})], "build": BUILD | (build or {})}
-        | others
-    )
+def proof(*changes, agents=(), patches=(), build=None):
+    result = {
+        "frames": [ROW | change for change in changes or ({},)],
+        "agents": [AGENT | agent for agent in agents],
+        "patches": [PATCH | patch for patch in patches],
+        "build": BUILD | (build or {}),
+        "not_proved": ["other frames", "denoising"],
+        "left_out": ["One eye was looked at."],
+    }
     return result | {"ok": is_ok(result)}
 
 
-def lines_of_proof(*changes, **others):
-    return to_text(proof(*changes, **others)).splitlines()
-
-
-def test_pixels_that_differ_visibly_are_told_beside_silhouettes_that_do_not():
-    culling, levels, left_open = lines_of_proof()
-    assert (
-        culling
-        == "Culling: no pixel differs in 1 frame (40 would differ without the agents kept for "
-        "shadows and mirrors)."
+def test_what_passed_says_how_many_and_how_well():
+    assert verdict(proof()) == (
+        "Passed: 20 agents in 1 frame, largest error 0.9 px of 1.0, give or take 0.7; colors "
+        "within 0.07; culling changes no pixel."
     )
-    assert levels == (
-        "LODs: silhouettes shift at most 0.35 px, 1.00 allowed, 20 agents; 1.80% of the pixels "
-        "differ visibly, shading "
-        "included, by 0.0021 on average (frame 3; not predicted)."
+    more = {"by_presence": 1000, "not_judged": 3, "error_px": 0.2, "color_off": 0.01}
+    apart = {"apart": 1, "apart_px": 4.25}
+    assert verdict(proof({}, more | apart, build={"kind": "bake"})) == (
+        "Passed: 1,040 agents of the bake in 2 frames (40 by outline, 1,000 by presence, 3 too "
+        "small to judge), largest error 0.9 px of 1.0, give or take 0.7; 1 agent pinned, blurred or "
+        "fading by up to 4.2 px; colors within 0.07; culling changes no pixel."
     )
-    assert left_open == "Not proved: other frames; denoising. One eye was looked at."
-
-
-def test_what_is_wrong_is_named_with_its_frames():
-    wrong = [
-        {"frame": n, "culling_ok": False, "b_pixels": 2, "lod_ok": n != 4} for n in range(1, 8)
+    assert to_text(proof()).splitlines()[1:] == [
+        "Not proved: other frames; denoising. One eye was looked at."
     ]
-    culling, levels, _ = lines_of_proof(*wrong, {"frame": 9})
-    assert culling.startswith(
-        "Culling: WRONG, 14 pixels differ in frames 1, 2, 3, 4, 5 and 2 more ("
-    )
-    assert levels.startswith("LODs: WRONG in frame 4, silhouettes shift at most 0.35 px, ")
-
-
-def test_pixels_that_differ_by_rounding_are_told():
-    assert lines_of_proof({"b_pixels": 7, "b_largest": 6.1e-5})[0].startswith(
-        "Culling: 7 pixels differ in 1 frame, by 6e-05 at most (40 "
-    )
-
-
-def test_silhouettes_that_were_not_judged_are_not_said_to_be_right():
-    assert lines_of_proof({"judged": 0})[1].startswith("LODs: silhouettes were not judged; 1.80%")
-    assert verdict(proof({"judged": 0})).endswith("; silhouettes were not judged.")
-
-
-def test_bounces_are_told_with_the_culling():
-    row = {"b_bounces_share": 0.003}
-    assert lines_of_proof(row, bounces=2)[0].endswith(
-        " With the sky and 2 bounces up to 0.30% differ visibly (frame 3)."
-    )
-
-
-FINE = "LODs shift silhouettes at most 0.35 px, 1.00 allowed, 21 agents"
-BAD = {"ok": False, "shift_px": 10.38}
+    nobody = {"by_outline": 0, "error_px": None, "color_off": 0.0}
+    assert verdict(proof(nobody)).startswith("Passed: 0 agents in 1 frame, colors within 0.00;")
 
 
 @pytest.mark.parametrize(
-    "change, more, said",
+    "changes, others, words",
     [
-        ({}, {}, f"OK: culling changes no pixel in 2 frames; {FINE}."),
         (
-            {"b_pixels": 7},
+            {"missing": 3, "lod_ok": False},
+            {"agents": [{"agent": agent} | GONE for agent in (6, 7, 44)]},
+            "Failed: 3 agents are missing in frame 3: 6, 7, 44; culling changes no pixel.",
+        ),
+        (
+            {"missing": 900, "lod_ok": False},
+            {"agents": [{"agent": agent} | GONE for agent in range(200)]},
+            "900 agents are missing in frame 3: 0, 1, 2, 3, 4 and 895 more;",
+        ),
+        (
+            {"extra": 1, "lod_ok": False},
+            {"agents": [{"ok": False, "extra": True, "error_px": None}]},
+            "1 agent should not be seen in frame 3: 7;",
+        ),
+        (
+            {"off": 13, "lod_ok": False},
+            {"agents": [{"ok": False, "error_px": error} for error in (1.2, 1.52)]},
+            "agent 7 (LOD 2, frame 3) is off by 1.5 px of 1.0, and 12 more;",
+        ),
+        (
+            {"patches": 1, "lod_ok": False},
+            {"patches": [{}]},
+            "a patch of 40 x 60 px differs by 0.71 in frame 3: no shadow?;",
+        ),
+        (
+            {"patches": 2, "lod_ok": False},
+            {"patches": [{"off": 0.2}, {"agent": 5}]},
+            "a patch of 40 x 60 px differs by 0.71 in frame 3, and 1 more: on agent 5: another",
+        ),
+        (
+            {"culling_pixels": 34, "culling_ok": False, "strangers": 1},
             {},
-            f"OK: culling changes 7 pixels in 2 frames, by rounding alone; {FINE}.",
-        ),
-        (
-            {"b_pixels": 1, "culling_ok": False},
-            {},
-            f"Not OK: culling changes 1 pixel in frame 3; {FINE}.",
-        ),
-        (
-            {"lod_ok": False, "silhouette_shift": 10.38},
-            {"agent": BAD},
-            "Not OK: culling changes no pixel in 2 frames; LODs shift silhouettes at most 10.38 "
-            "px, 1.00 allowed, 21 agents; agent 7 at "
-            "LOD 2 in frame 3 shifts 10.38 px, 1.04 allowed there.",
-        ),
-        (
-            {"lod_ok": False},
-            {"agent": {"ok": False, "color_off": 0.5}},
-            f"Not OK: culling changes no pixel in 2 frames; {FINE}; agent 7 at LOD 2 in frame 3 "
-            f"has another color than the character, "
-            "50% off on average.",
-        ),
-        (
-            {"apart": 2, "apart_shift": 10.4},
-            {"agent": {"apart": "pinned", "ok": None}},
-            f"OK: culling changes no pixel in 2 frames; {FINE}; 2 agents apart (pinned) at most "
-            f"10.40 px.",
+            "Failed: culling changes 34 pixels in frame 3; 1 point is no agent of this crowd.",
         ),
         (
             {},
-            {"build": {"kind": "bake", "older_than": ["the lights", "the camera"]}},
-            "Not OK for the bake: the bake is older than the lights and the camera: bake again; "
-            "culling changes no pixel in 2 frames; "
-            f"{FINE}.",
+            {"build": {"kind": "bake", "older_than": ["the camera"]}},
+            "Failed: the bake is older than the camera: bake again; culling changes no pixel.",
         ),
         (
             {},
             {"build": {"kind": "build", "hidden": True}},
-            f"Not OK for the build: the build is hidden from renders; culling changes no pixel in "
-            f"2 frames; {FINE}.",
-        ),
-        (
-            {"strangers": 3, "culling_ok": False},
-            {"build": {"kind": "bake"}},
-            f"Not OK for the bake: culling changes no pixel in frame 3; 3 points of it are no "
-            f"agents; {FINE}.",
+            "Failed: the build is hidden from renders;",
         ),
     ],
 )
-def test_the_verdict_is_one_sentence(change, more, said):
-    assert verdict(proof(change, OTHER, **more)) == said
+def test_what_failed_is_named_with_its_place(changes, others, words):
+    result = proof(changes, **others)
+    assert not result["ok"] and words in verdict(result)
 
 
-def test_a_build_that_is_older_has_a_line_of_its_own():
-    first, *_ = lines_of_proof(build={"kind": "build", "older_than": ["the characters"]})
-    assert first == "The build is older than the characters: press Build again."
+def test_pixels_that_rounding_alone_changes_are_told_and_pass():
+    result = proof({"culling_pixels": 12})
+    assert result["ok"] and "culling changes 12 pixels by rounding alone" in verdict(result)
 
 
-def test_the_row_of_a_frame_tells_who_is_judged_and_who_stands_apart():
-    told = {"shift_px": 9.0, "apart": "pinned", "ok": None}
-    row = agents_row([AGENT, AGENT | {"shift_px": 0.5, "ok": None}, AGENT | told], 1.0)
-    assert (
-        row["judged"],
-        row["silhouette_shift"],
-        row["apart"],
-        row["apart_shift"],
-        row["lod_ok"],
-    ) == (1, 0.5, 1, 9.0, True)
-    assert not agents_row([AGENT | {"ok": False}], 1.0)["lod_ok"]
-    assert agents_row([], None)["silhouette_shift"] is None
-
-
-def test_an_agent_that_is_not_ok_is_shown_first_with_what_is_wrong():
-    agents = [AGENT | {"shift_px": 0.9 - 0.1 * k} for k in range(6)]
-    agents[5] |= {"ok": False, "color_off": 0.14}
-    assert worst_agents(agents) == [5, 0, 1, 2]
-    assert [describe_difference(agents[k]) for k in (5, 0)] == ["color 14% off", "0.9 px off"]
+def test_the_worst_frame_and_agents_in_a_few_words():
+    result = proof({}, {"frame": 5, "lod_ok": False, "missing": 1}, {"frame": 9, "error_px": 4.0})
+    assert worst_frame(result) == 5
+    assert describe(AGENT) == "off by 0.86 px of 1"
+    assert describe(AGENT | GONE) == "is missing"
+    assert describe(AGENT | {"extra": True}) == "should not be seen"
+    assert describe(AGENT | {"error_px": None}) == "not judged"

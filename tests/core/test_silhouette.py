@@ -62,18 +62,20 @@ def test_what_is_seen_is_the_nearest_triangle_with_its_weights(monkeypatch):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_shift_is_the_hausdorff_distance_of_the_areas_by_brute_force(seed):
+def test_what_is_outside_lies_as_far_from_the_other_area_as_by_brute_force(seed):
     random = np.random.default_rng(seed)
     one, other = (silhouette.mask(random.uniform(0, 40, (3, 3, 2)), (40, 50)) for _ in range(2))
     a = np.argwhere(one)
     b = np.argwhere(other)
     apart = np.linalg.norm(a[:, None] - b[None], axis=2)
-    one, other = one.astype(float), other.astype(float)
-    assert silhouette.shift(one, other) == pytest.approx(
-        max(apart.min(axis=0).max(), apart.min(axis=1).max())
-    )
-    assert silhouette.shift(one, one) == 0
-    assert silhouette.shift(one, np.zeros_like(one)) == np.inf
+    nearest = apart.min(axis=1)
+    row, column, away = silhouette.outside(one, other)
+    assert np.array_equal(np.stack([row, column], axis=1), a[nearest > 0])
+    assert away == pytest.approx(nearest[nearest > 0])
+    near = silhouette.outside(one, other, 3)[2]
+    assert (near[away <= 3] == away[away <= 3]).all() and (near[away > 3] > 3).all()
+    assert not len(silhouette.outside(one, one)[2])
+    assert (silhouette.outside(one, np.zeros_like(one))[2] == np.inf).all()
 
 
 def ball(radius, n=32):
@@ -155,28 +157,3 @@ def test_a_sheet_seen_edge_on_is_off_by_no_more_than_it_deviates():
     quad = np.array([(0, 1, 2), (0, 2, 3)])
     least, most = silhouette.error((flat, quad), (tilted, quad), np.zeros(3), 5.0, camera)
     assert least <= 0.01 * camera.pixels_per_unit / 4.0 and 0 < most
-
-
-def disc(x, y, radius, size=(90, 120), samples=8):
-    """Coverage of each pixel by a disc, from samples x samples of it."""
-    rows, columns = ((np.arange(n * samples) + 0.5) / samples for n in size)
-    inside = np.hypot(columns[None] - x, rows[:, None] - y) <= radius
-    return inside.reshape(size[0], samples, size[1], samples).mean(axis=(1, 3))
-
-
-@pytest.mark.parametrize(
-    "way", [(0.0, 0.0), (0.4, 0.0), (3.0, 0.0), (0.0, -6.5), (5.0, 4.0), (-20.0, 8.0)]
-)
-def test_a_disc_that_moves_shifts_by_as_much(way):
-    found = silhouette.shift(disc(50, 45, 14), disc(50 + way[0], 45 + way[1], 14))
-    assert abs(found - np.hypot(*way)) <= 1
-
-
-def test_a_disc_that_grows_shifts_by_as_much_and_one_that_is_gone_by_infinity():
-    for more in (0.5, 2, 7):
-        assert abs(silhouette.shift(disc(50, 45, 14), disc(50, 45, 14 + more)) - more) <= 1
-        assert silhouette.shift(disc(50, 45, 14), disc(50, 45, 14 + more)) == silhouette.shift(
-            disc(50, 45, 14 + more), disc(50, 45, 14)
-        )
-    assert silhouette.shift(disc(50, 45, 14), np.zeros((90, 120))) == np.inf
-    assert silhouette.shift(np.zeros((90, 120)), np.zeros((90, 120))) == 0

@@ -14,9 +14,10 @@ from ....crowd_lod.frame.index_cache import approach
 from ....crowd_lod.frame.planned import HIDDEN, note_of
 from ....crowd_lod.output.file_checks import save_png
 from ....crowd_lod.progress import Workload, run_in_thread
-from ....crowd_lod.validation import render_proof
-from ....crowd_lod.validation.judged_agents import JudgedAgent, choose_agents
-from ....crowd_lod.validation.render_proof import agents_row
+from ....crowd_lod.validation.allowances import Allowances, allowances
+from ....crowd_lod.validation.id_pictures import NOBODY
+from ....crowd_lod.validation.lod_proof import Pictures, judge_lods
+from ....crowd_lod.validation.render_proof import difference_of
 from ...blender import evaluation, mesh_data, scene_data
 from ...build import bake, frame_update, render_setup
 from ...build.shelves import Bucket, BucketKind, points_of
@@ -24,15 +25,31 @@ from ...scene import lights
 from ...scene.characters.character_provenance import reading
 from ...scene.scene_crowd import SceneCrowd
 from ...scene.shot_reference import frame_of, stored_plan
-from .lone_agents import LoneStage, Shown, lone_crop, sheet_of
-from .verify_build import MADE, Columns, ProvedBuild, columns_of_members, seen_by_kind
+from .id_pictures import render_ids
+from .places import agent_places, draw_places, patch_places
+from .verify_build import LIVE, MADE, Columns, ProvedBuild, columns_of_members, seen_by_kind
 from .verify_notes import DISPLACED, displaced_materials
-from .verify_pictures import COMPARED, PICTURES, amplified, develop_picture, render_picture, small
-from .verify_stage import Verify, add_twins, dark_world, light_by
+from .verify_pictures import amplified, render_picture
+from .verify_stage import Filming, Verify, add_twins, dark_world, filmed
 
-# What a frame costs: walking there, the whole pictures, the crops of single agents.
-WALK, PICTURE, CROP = 1, 5, 4
+# What a frame costs: walking there, the pictures, comparing them.
+WALK, PICTURES, JUDGING = 1, 8, 2
+CULLING = 320  # pixels across pictures by which culling is proved
 FULL = Bucket(BucketKind.LOD, 0)  # of the build at full detail
+FINER = 2  # samples of ids across a pixel, and across half a tolerance
+FINEST = 4
+
+
+@dataclass(frozen=True)
+class _Shots:
+    """What a frame's renders show.
+
+    culling: linear pictures (rows, columns, 4) float32 of everyone, and of who is left.
+    lods: of full detail, and as built.
+    """
+
+    culling: tuple[np.ndarray, np.ndarray]
+    lods: Pictures
 
 
 @dataclass
@@ -43,7 +60,6 @@ class Proof:
     at: steps the scene.
     size: of the whole pictures.
     proved: the build that is proved.
-    alone: where single agents are rendered.
     full: the build of everyone at full detail, once it is made; that which is proved, if it is made
         for the proof.
     """
@@ -54,7 +70,6 @@ class Proof:
     at: evaluation.At
     size: tuple[int, int]
     proved: ProvedBuild
-    alone: LoneStage
     full: bpy.types.Collection | None = None
 
     @property
@@ -86,14 +101,11 @@ class Proof:
             self.proved = ProvedBuild(self.full)
 
     def pictures(self, number: int) -> list[Path]:
-        """Return the files of a frame's whole pictures, in the order of the contact sheet."""
-        endings = ("", "_bounces") if self.task.bounces else ("",)
-        names = [*PICTURES, *(f"a_{name}" for name in COMPARED)]
-        return [
-            self.folder / f"frame_{number:04d}_{name}{ending}.png"
-            for ending in endings
-            for name in names
-        ]
+        """Return the files of a frame's pictures, in the order of the contact sheet."""
+        return [self._path(number, name) for name in ("a", "b", "c", "a_b", "a_c")]
+
+    def _path(self, number: int, name: str) -> Path:
+        return self.folder / f"frame_{number:04d}_{name}.png"
 
     def prove(self, number: int) -> Generator[float, None, tuple[dict[str, Any], list[Path]]]:
         """Prove one frame; yields the progress.
@@ -103,7 +115,7 @@ class Proof:
         scene = self.scene
         trajectory = self.crowd.trajectory
         time = scene_data.remap(scene.render, number)
-        work = Workload(WALK + PICTURE + CROP)
+        work = Workload(WALK + PICTURES + JUDGING)
         yield from work.take(approach(trajectory, time), WALK)
         moment = lights.read_moment(scene, time, self.at)
         self.at((), time)  # back from the times of the shutter: renders follow
@@ -120,138 +132,103 @@ class Proof:
             "mirrored": len(agents_of[BucketKind.MIRROR]),
             "strangers": strangers,
         }
-        comparing = self._compare(number, planned, poses, rows, agents_of)
-        differences = yield from work.take(comparing, PICTURE)
-        row |= differences
-        judged_agents, pairs = self._choose(number, planned, poses, rows)
-        crops = []
-        for judged, pair in zip(judged_agents, pairs, strict=True):
-            cropping = lone_crop(self.alone, number, judged, pair)
-            crops.append((yield from work.take(cropping, CROP / len(pairs))))
-        agents = [crop.facts for crop in crops]
-        row |= agents_row(agents, _tolerance(scene, planned))
-        rounded = row["b_largest"] <= DISPLACED and bool(displaced_materials(scene))
-        row["culling_ok"] = not strangers and (row["b_pixels"] == 0 or rounded)
-        row["older_than"] = ", ".join(self.proved.older_than(number, moment))
-        pictures = self.pictures(number)
-        if crops:
-            pictures.append(self.folder / f"frame_{number:04d}_agents.png")
-            sheet = yield from work.take(sheet_of(crops))
-            yield from work.take(run_in_thread(partial(save_png, pictures[-1], sheet)))
-        account = {
-            "row": row,
-            "agents": agents,
-            "unplanned": note_of(number, planned.unplanned, self.task.strict),
-        }
-        return account, pictures
-
-    def _compare(
-        self,
-        number: int,
-        planned: Frame,
-        poses: frame_update.OpenShutter,
-        rows: dict[Bucket, Columns],
-        agents_of: dict[BucketKind, np.ndarray],
-    ) -> Generator[float, None, dict[str, Any]]:
-        """Render the whole pictures of a frame, and compare them with the first.
-
-        Yields the progress and returns the columns of verify.csv that tell how they differ.
-
-        rows: the points that the build shows.
-        agents_of: its agents by kind of bucket.
-        """
-        scene = self.scene
-        bounces = self.task.bounces
-        row = {}
+        tolerance = _tolerance(scene, planned)
+        finer = _finer(tolerance)
         members = {
             "a": {FULL: everyone_there(planned)},
             "b": {Bucket(kind, 0): agents for kind, agents in agents_of.items()},
-            "bare": {FULL: agents_of[BucketKind.LOD]},
         }
-        worlds = scene.world, dark_world(scene.world)
-        bounce_counts = (0, bounces) if bounces else (0,)
-        work = Workload(len(bounce_counts) * len(PICTURES))
-        for count in bounce_counts:
-            light_by(scene, count, worlds)
-            ending = "_bounces" if count else ""
-            shot = {}
-            for name in PICTURES:
-                if name in members:
-                    trajectory = planned.trajectory
-                    self._write(
-                        columns_of_members(self.full, trajectory, members[name], poses, number)
-                    )
-                elif self.proved.kind == MADE:
-                    self._write(rows)
-                rendered = self.full if name in members else self.proved.top
-                for top in {self.full, self.proved.top}:
-                    top.hide_render = top != rendered or (name == "c" and self.proved.hidden)
-                path = self.folder / f"frame_{number:04d}_{name}{ending}.png"
-                with small(scene, self.size):
-                    render_picture(scene, path)
+        contents = {
+            name: columns_of_members(self.full, trajectory, shown, poses, number)
+            for name, shown in members.items()
+        } | {"c": rows}
+        rendering = self._render(number, contents, len(planned.crowd), finer)
+        shots = yield from work.take(rendering, PICTURES)
+        row |= yield from work.take(self._judge_culling(number, shots))
+        allowed = _allowed(planned, rows, tolerance)
+        judging = self._judge_lods(number, shots.lods, allowed, planned.crowd.group)
+        found = yield from work.take(judging, JUDGING)
+        row |= found["row"]
+        rounded = row["culling_largest"] <= DISPLACED and bool(displaced_materials(scene))
+        row["culling_ok"] = not strangers and (row["culling_pixels"] == 0 or rounded)
+        row["older_than"] = ", ".join(self.proved.older_than(number, moment))
+        account = {
+            "row": row,
+            "agents": found["agents"],
+            "patches": found["patches"],
+            "unplanned": note_of(number, planned.unplanned, self.task.strict),
+        }
+        return account, [*self.pictures(number), self._path(number, "places")]
+
+    def _render(
+        self, number: int, contents: dict[str, dict[Bucket, Columns]], count: int, finer: int
+    ) -> Generator[float, None, _Shots]:
+        """Render the frame's pictures, and the ids of "a" and "c"; yields the progress.
+
+        contents: the points that each picture shows.
+        count: of the crowd's agents.
+        """
+        scene = self.scene
+        culling, colors = _filmings(scene, self.proved, self.size)
+        wanted = {"a": {culling, colors}, "b": {culling}, "c": {colors}}
+        work = Workload(sum(map(len, wanted.values())) + 2)
+        pictures = {}
+        ids = {}
+        for name, rows in contents.items():
+            if name != "c" or self.proved.kind == MADE:
+                self._write(rows)
+            rendered = self.proved.top if name == "c" else self.full
+            for top in {self.full, self.proved.top}:
+                top.hide_render = top != rendered or (name == "c" and self.proved.hidden)
+            for filming in wanted[name]:
+                path = self._path(number, name)
+                with filmed(scene, filming):
+                    is_kept = filming == (culling if name == "b" else colors)
+                    rendering = render_picture(scene, path, is_kept)
+                    pictures[name, filming] = yield from work.take(rendering, 1)
+            if name != "b":
+                seen = render_ids(scene, finer, self.folder)
+                ids[name] = [np.where(each < count, each, NOBODY) for each in seen]
                 yield work.did(1)
-                shot[name] = yield from work.take(develop_picture(scene, path))
-            for name in COMPARED:
-                differing = partial(render_proof.difference_of, shot["a"], shot[name])
-                difference = yield from work.take(run_in_thread(differing))
-                row |= {f"{name}{ending}_{key}": value for key, value in vars(difference).items()}
-                amplifying = run_in_thread(partial(amplified, shot["a"], shot[name]))
-                picture = yield from work.take(amplifying)
-                path = self.folder / f"frame_{number:04d}_a_{name}{ending}.png"
-                yield from work.take(run_in_thread(partial(save_png, path, picture)))
-        scene.world = worlds[0]
-        return row
+        seen = list(zip(*(ids[name] for name in "ac"), strict=True))
+        lods = Pictures(seen, (pictures["a", colors], pictures["c", colors]), finer)
+        return _Shots((pictures["a", culling], pictures["b", culling]), lods)
+
+    def _judge_culling(self, number: int, shots: _Shots) -> Generator[float, None, dict[str, Any]]:
+        """Compare everyone with who is left by culling; yields the progress, returns columns."""
+        difference = yield from run_in_thread(partial(difference_of, *shots.culling))
+        yield from self._show_difference(number, "a_b", shots.culling)
+        return {f"culling_{name}": value for name, value in vars(difference).items()}
+
+    def _judge_lods(
+        self, number: int, pictures: Pictures, allowed: Allowances, group: np.ndarray
+    ) -> Generator[float, None, dict[str, Any]]:
+        """Compare full detail with what is built; yields the progress, returns lod_proof's dicts.
+
+        group: (n,) of the agents.
+        """
+        judging = partial(judge_lods, pictures, allowed, group)
+        row, agents, patches = yield from run_in_thread(judging)
+        yield from self._show_difference(number, "a_c", pictures.colors)
+        drawing = draw_places(
+            [*patch_places(patches), *agent_places(agents)],
+            tuple(self._path(number, name) for name in "ac"),
+            pictures,
+            self._path(number, "places"),
+        )
+        yield from drawing
+        return {"row": row, "agents": agents, "patches": patches}
+
+    def _show_difference(
+        self, number: int, name: str, pair: tuple[np.ndarray, np.ndarray]
+    ) -> Generator[float, None, None]:
+        picture = yield from run_in_thread(partial(amplified, *pair))
+        yield from run_in_thread(partial(save_png, self._path(number, name), picture))
 
     def _write(self, rows: dict[Bucket, Columns]) -> None:
         """Write the points of each bucket to the build at full detail."""
         for bucket, points in points_of(self.full).items():
             mesh_data.write_points(points.data, rows[bucket])
-
-    def _choose(
-        self,
-        number: int,
-        planned: Frame,
-        poses: frame_update.OpenShutter,
-        rows: dict[Bucket, Columns],
-    ) -> tuple[list[JudgedAgent], list[tuple[Shown, Shown]]]:
-        """Return the agents that are judged alone, and each at full detail and as built."""
-        trajectory = planned.trajectory
-        agents_of = {
-            bucket: columns
-            for bucket, columns in rows.items()
-            if bucket.is_seen and len(columns["id"])
-        }
-        agents = np.concatenate(
-            [np.empty(0, np.intp), *map(frame_update.indices_in, agents_of.values())]
-        )
-        levels = np.concatenate(
-            [
-                np.empty(0, np.intp),
-                *(
-                    np.full(len(columns["id"]), bucket.level)
-                    for bucket, columns in agents_of.items()
-                ),
-            ]
-        )
-        is_agent = (agents >= 0) & (agents < len(planned.crowd))
-        tolerance = _tolerance(self.scene, planned)
-        judged_agents = choose_agents(
-            planned, agents[is_agent], levels[is_agent], tolerance, number, self.task.agents
-        )
-        lod_points = points_of(self.proved.top)
-        full = points_of(self.full)[FULL]
-        pairs = []
-        for judged in judged_agents:
-            alone = columns_of_members(
-                self.full, trajectory, {FULL: np.array([judged.agent])}, poses, number
-            )[FULL]
-            bucket = Bucket(BucketKind.LOD, judged.level)
-            row = {
-                key: values[frame_update.indices_in(rows[bucket]) == judged.agent][:1]
-                for key, values in rows[bucket].items()
-            }
-            pairs.append((Shown(full, alone), Shown(lod_points[bucket], row)))
-        return judged_agents, pairs
 
 
 def everyone_there(planned: Frame) -> np.ndarray:
@@ -260,6 +237,43 @@ def everyone_there(planned: Frame) -> np.ndarray:
     if planned.plan_row is not None:
         there &= planned.plan_row & HIDDEN == 0
     return np.flatnonzero(there)
+
+
+def _filmings(
+    scene: bpy.types.Scene, proved: ProvedBuild, size: tuple[int, int]
+) -> tuple[Filming, Filming]:
+    """Return how the pictures are rendered by which culling is proved, and those of colors.
+
+    Culling is proved by lamps alone. A live build shows no way of its agents while the shutter is
+    open.
+
+    size: of the pictures of colors, pixels.
+    """
+    wide = min(size[0], CULLING)
+    coarse = wide, max(1, round(wide * size[1] / size[0]))
+    culling = Filming(coarse, dark_world(scene.world))
+    mirrors = scene.crowd_lod.mirrors is not None
+    return culling, Filming(size, scene.world, mirrors, proved.kind != LIVE)
+
+
+def _finer(tolerance: float | None) -> int:
+    """Return how many samples of ids lie across a pixel."""
+    if not tolerance:
+        return FINER
+    return int(np.clip(np.ceil(FINER / tolerance), FINER, FINEST))
+
+
+def _allowed(planned: Frame, rows: dict[Bucket, Columns], tolerance: float | None) -> Allowances:
+    """Return what the outlines of agents may be off that the build shows."""
+    shown = [(bucket, rows[bucket]) for bucket in rows if bucket.is_seen]
+    agents = [np.empty(0, np.intp), *(frame_update.indices_in(each) for _, each in shown)]
+    levels = [np.full(len(each["id"]), bucket.level) for bucket, each in shown]
+    agent = np.concatenate(agents).astype(np.intp)
+    level = np.concatenate([np.empty(0, np.intp), *levels])
+    is_agent = (agent >= 0) & (agent < len(planned.crowd))
+    found = allowances(planned, agent[is_agent], level[is_agent], tolerance)
+    wearer = planned.trajectory.wearer
+    return found if wearer is None else found.of_wearers(wearer)
 
 
 def _tolerance(scene: bpy.types.Scene, planned: Frame) -> float | None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import bpy
+import numpy as np
 
 from ....crowd_lod.errors import CrowdError
 from ....crowd_lod.frame.frame_range import spread_evenly
@@ -17,7 +18,7 @@ from ....crowd_lod.output.file_checks import save_png
 from ....crowd_lod.output.frame_parts import FrameParts
 from ....crowd_lod.output.verify_report import verify_page
 from ....crowd_lod.progress import Workload, run_in_thread, unsure
-from ....crowd_lod.validation.render_proof import is_ok, verdict, worst_agents
+from ....crowd_lod.validation.render_proof import is_ok, verdict, worst_frame
 from ...blender import cameras, evaluation, image_data, removal, scene_data
 from ...blender.operator import Reporting, Stepwise
 from ...blender.output_folders import output_folder, place_of
@@ -37,7 +38,6 @@ from ..preview import preview_stage
 from ..preview.lettering import labeled_sheet
 from ..preview.shared_frames import ALONE, Sharing, make_frames, state_of
 from .frame_proof import Proof
-from .lone_agents import LoneStage
 from .verify_build import BAKE, ProvedBuild, build_of, frames_to_verify
 from .verify_notes import never_shown, unjudged, unlike_renders, what_is_not_proved
 from .verify_pictures import AMPLIFIED, PICTURES, TITLES
@@ -51,6 +51,7 @@ SET_MEANWHILE = (
     *("estimate", "shot_budgets"),
 )
 MOST_PROVED_IN_SHEET = 8  # frames on the contact sheet
+THUMBNAIL = 480  # pixels across its pictures
 
 
 @on_record(lambda scene, task, *_: task.frames)
@@ -81,11 +82,12 @@ def verify(
         work = Workload(making + proving)
         proved = yield from work.take(build_of(scene, frames_proved))
         left_out += unlike_renders(scene, proved)
-        size = _set_up(scene, task, proved, opened)
+        size = task.size(scene)
+        _set_up(scene, task, proved, opened)
         crowd = yield from work.take(unsure(_prepare_crowd(scene)), making)
         sharing.save(folder)
         with evaluation.step_frames(scene) as at:
-            run = Proof(crowd, task, folder, at, size, proved, LoneStage(scene, folder))
+            run = Proof(crowd, task, folder, at, size, proved)
             frames = yield from work.take(_prove_frames(run, sharing), proving)
         if sharing.part is not None:
             return {"frames": [frame["row"] for frame in frames], "ok": True}
@@ -132,16 +134,13 @@ def _restore_afterwards(scene: bpy.types.Scene, opened: ExitStack) -> None:
     opened.callback(if_there, setattr, scene, "world", scene.world)
 
 
-def _set_up(
-    scene: bpy.types.Scene, task: Verify, proved: ProvedBuild, opened: ExitStack
-) -> tuple[int, int]:
-    """Set `scene` up for the proof's renders until `opened` closes; return their size, pixels."""
+def _set_up(scene: bpy.types.Scene, task: Verify, proved: ProvedBuild, opened: ExitStack) -> None:
+    """Set `scene` up for the proof's renders until `opened` closes."""
     if proved.kind == BAKE and scene.render.engine == "BLENDER_WORKBENCH":
         opened.enter_context(without_shadows(scene))
     _aim_nowhere(scene, opened)
-    size = set_up_cycles(scene, task)
+    set_up_cycles(scene, task)
     scene.view_layers[0].update()
-    return size
 
 
 def _prepare_crowd(scene: bpy.types.Scene) -> Generator[float, None, SceneCrowd]:
@@ -197,12 +196,20 @@ def _write(run: Proof, result: dict[str, Any]) -> Iterator[float]:
     tiles = []
     for number in frames:
         for path in run.pictures(number):
-            tiles.append(image_data.load_pixels(path))
+            tiles.append(_thumbnail(image_data.load_pixels(path)))
             yield 0.0
-    lights = ("", "\nwith bounces") if run.task.bounces else ("",)
-    labels = [f"Frame {number}{light}" for number in frames for light in lights]
+    labels = [f"Frame {number}" for number in frames]
     sheet = yield from labeled_sheet(tiles, len(TITLES), TITLES, labels)
     yield from run_in_thread(partial(save_png, folder / "contact_sheet.png", sheet))
+
+
+def _thumbnail(picture: np.ndarray) -> np.ndarray:
+    """Return a picture (rows, columns, 4) as it stands in the contact sheet, THUMBNAIL wide."""
+    rows, columns = picture.shape[:2]
+    high = max(1, round(THUMBNAIL * rows / columns))
+    row = np.arange(high) * rows // high
+    column = np.arange(THUMBNAIL) * columns // THUMBNAIL
+    return picture[row[:, None], column]
 
 
 def _result(
@@ -211,26 +218,26 @@ def _result(
     """Return the dict of verify.json, as far as it follows from what the frames tell."""
     rows = [frame["row"] for frame in frames]
     unplanned = [tuple(frame["unplanned"]) for frame in frames]
-    notes = unjudged(scene, rows, task)
+    notes = unjudged(scene, rows)
     if any(why for _, why in unplanned):
         notes.append(unplanned_notes(unplanned))
     return {
         "version": 1,
         "command": command,
-        "width": task.width,
+        "width": task.size(scene)[0],
         "samples": task.samples,
-        "bounces": task.bounces,
         "pictures": PICTURES,
         "amplified": AMPLIFIED,
         "frames": rows,
-        "agents": [
-            {"frame": frame["row"]["frame"], **agent}
-            for frame in frames
-            for agent in frame["agents"]
-        ],
+        **{kind: _of_all(frames, kind) for kind in ("agents", "patches")},
         "build": None,
         "left_out": notes,
     }
+
+
+def _of_all(frames: list[dict], kind: str) -> list[dict[str, Any]]:
+    """Return what all frames tell of agents, or of patches, and of which frame that is."""
+    return [{"frame": each["row"]["frame"], **told} for each in frames for told in each[kind]]
 
 
 def _describe_build(proved: ProvedBuild, rows: list[dict]) -> dict[str, Any]:
@@ -243,8 +250,8 @@ def _describe_build(proved: ProvedBuild, rows: list[dict]) -> dict[str, Any]:
 PROOF_IMAGE = "Crowd LOD Proof"
 
 
-def _show_agents(path: Path) -> None:
-    """Keep the picture of the worst agents in the file as the image PROOF_IMAGE, for the Image Editor."""
+def _show_places(path: Path) -> None:
+    """Keep the picture of the worst places in the file as PROOF_IMAGE, for the Image Editor."""
     image = bpy.data.images.get(PROOF_IMAGE) or bpy.data.images.load(str(path))
     image.name = PROOF_IMAGE
     image.use_fake_user = True  # nothing else uses it
@@ -275,9 +282,7 @@ class CROWDLOD_OT_verify(Stepwise, bpy.types.Operator):
         )
         made_of = proof_parts(scene)
         result = yield from verify(scene, task, ["sidebar"])
-        if result["agents"]:
-            worst = result["agents"][worst_agents(result["agents"])[0]]
-            _show_agents(task.folder / f"frame_{worst['frame']:04d}_agents.png")
+        _show_places(task.folder / f"frame_{worst_frame(result):04d}_places.png")
         sentence = f"{verdict(result)} The report is in {place_of(task.folder)}."
         note_proof(scene, ProofResult(sentence, result["ok"], made_of))
         if not result["ok"]:
@@ -290,7 +295,7 @@ def _no_proof(scene: bpy.types.Scene) -> str:
 
 
 class CROWDLOD_OT_show_proof(Reporting, bpy.types.Operator):
-    """Show the worst agents of the last proof: at full detail, as built, and where they differ"""
+    """Show the worst places of the last proof: at full detail, as built, and where they differ"""
 
     bl_idname = "crowd_lod.show_proof"
     bl_label = "Show Proof"

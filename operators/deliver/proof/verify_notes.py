@@ -2,10 +2,8 @@
 
 import bpy
 
-from ....crowd_lod.format import counted
 from ....crowd_lod.output import tables
-from ...blender import cameras, evaluation, scene_data
-from ...scene import lights
+from ...blender import cameras, evaluation
 from .verify_build import BAKE, LIVE, ProvedBuild
 from .verify_stage import LONGEST_SHUTTER, PAIRS, Verify
 
@@ -49,14 +47,14 @@ def what_is_not_proved(scene: bpy.types.Scene, task: Verify) -> list[str]:
     Call it before the scene is set up.
     """
     render = scene.render
-    width, height = cameras.image_size(render)
-    phrases = ["other frames"]
-    if task.bounces:
-        phrases.append(f"more than {counted(task.bounces, 'bounce')} of light")
-    else:
-        phrases.append("the light of the sky and of bounces")
-    if width != task.width:
-        phrases.append(f"pictures of {width} x {height} pixels")
+    size = cameras.image_size(render)
+    phrases = ["other frames", "light that bounces"]
+    if task.size(scene) != size:
+        phrases.append(f"colors in pictures of {size[0]} x {size[1]} pixels")
+    if scene.camera.data.type == "PANO":
+        phrases.append("outlines in panoramas")
+    if render.use_motion_blur:
+        phrases.append("outlines in motion")
     if render.engine != "CYCLES":
         phrases.append(
             f"shading, pixel filter and displacement in {render.engine.removeprefix('BLENDER_')}"
@@ -68,27 +66,15 @@ def what_is_not_proved(scene: bpy.types.Scene, task: Verify) -> list[str]:
     return phrases
 
 
-def unjudged(scene: bpy.types.Scene, rows: list[dict], task: Verify) -> list[str]:
+def unjudged(scene: bpy.types.Scene, rows: list[dict]) -> list[str]:
     """Return sentences on what the pictures left unjudged."""
     sentences = [tables.nobody_seen(row["visible"] for row in rows)]
-    if any(row["predicted_shift"] is None for row in rows):
-        sentences.append(
-            "Silhouettes were not judged: an agent stands at the camera, a LOD is not measured, "
-            "or the lens bends the picture."
-        )
     displaced = displaced_materials(scene)
     if displaced:
         sentences.append(
             f"Meshes of {', '.join(displaced[:3])} are displaced by Cycles where one of their "
             f"instances stands, another one with culling, so differences of up to {DISPLACED:g} "
             f"were not counted."
-        )
-    mirrors = lights.read_surroundings(
-        scene, scene.view_layers[0].depsgraph, scene_data.time_of(scene)
-    ).mirrors
-    if task.bounces > 1 and len(mirrors) > 1:
-        sentences.append(
-            "Reflections of one mirror in another are not checked: pixels may differ there."
         )
     return list(filter(None, sentences))
 

@@ -15,26 +15,19 @@ from ....crowd_lod.progress import run_in_thread
 from ...blender import cameras, console, image_data, removal
 from ..preview import preview_stage
 
-# The pictures of a frame. The third is the culled one without those whom the camera does not see
-# itself.
 PICTURES = {
-    "a": "all agents, full detail",
+    "a": "everyone, full detail",
     "b": "culled, full detail",
-    "bare": "culled, without shadows and reflections from outside the picture",
     "c": "as built",
 }
-COMPARED = "b", "bare", "c"  # with "a"
-TITLES = (  # of the contact sheet's columns: PICTURES, then how COMPARED differ
+TITLES = (  # of the contact sheet's columns: PICTURES, then how "b" and "c" differ from "a"
     "Everyone, full detail",
     "Culled, full detail",
-    "Only who is in the picture",
     "As built",
     "Difference: culled",
-    "Difference: only those",
     "Difference: as built",
 )
-AGENT_TITLES = "Full detail", "As built", "Difference, amplified"
-# in the pictures of differences: times, and at least, of 255
+# in the pictures of differences, of 255: times, and at least
 AMPLIFIED = 16
 FAINTEST = 60
 
@@ -60,8 +53,16 @@ def small(scene: bpy.types.Scene, size: tuple[int, int]) -> Iterator[None]:
         yield
 
 
-def render_picture(stage: bpy.types.Scene, path: Path) -> None:
-    """Render to EXR files, one for each view, beside the PNG `path` that develop_picture writes."""
+def render_picture(
+    stage: bpy.types.Scene, path: Path, is_kept: bool
+) -> Generator[float, None, np.ndarray]:
+    """Render a picture: yield between steps, return its linear values.
+
+    They are (rows, columns, 4) float32, bottom row first. The views of a stereo picture stand side
+    by side.
+
+    path: of its PNG, which `is_kept`, or not made.
+    """
     settings = stage.render.image_settings
     with console.quiet(), bpy.context.temp_override(scene=stage):
         settings.file_format = "OPEN_EXR"
@@ -70,37 +71,36 @@ def render_picture(stage: bpy.types.Scene, path: Path) -> None:
         bpy.ops.render.render(write_still=True)
     settings.file_format = "PNG"
     settings.color_depth = "8"
-
-
-def develop_picture(stage: bpy.types.Scene, path: Path) -> Generator[float, None, np.ndarray]:
-    """Make the PNG `path` of what was rendered: yield between steps, return the linear values.
-
-    They are (rows, columns, 4) float32, bottom row first. The views of a stereo picture stand side
-    by side.
-    """
-    stem = path.with_suffix("")
+    yield 0.0
     values = []
     pixels = []
-    for view in _views(stage.render):
-        raw = Path(f"{stem}{view}.exr")
-        png = Path(f"{stem}{view}.png")
+    for view in views_of(stage.render):
+        raw = path.with_name(f"{path.stem}{view}.exr")
         file_checks.check(raw)
         image = bpy.data.images.load(str(raw))
         try:
             values.append(image_data.read_values(image))
-            with image_data.check_written(png):
-                image.save_render(str(png), scene=stage)
-            pixels.append(image_data.load_pixels(png))
+            if is_kept:
+                pixels.append(_developed(stage, image, raw.with_suffix(".png")))
         finally:
             removal.remove([image])
         raw.unlink()
-        png.unlink()
         yield 0.0
-    yield from run_in_thread(partial(save_png, path, np.concatenate(pixels, axis=1)))
+    if is_kept:
+        yield from run_in_thread(partial(save_png, path, np.concatenate(pixels, axis=1)))
     return np.concatenate(values, axis=1)
 
 
-def _views(render: bpy.types.RenderSettings) -> list[str]:
+def _developed(stage: bpy.types.Scene, image: bpy.types.Image, path: Path) -> np.ndarray:
+    """Return a rendered image as `stage` shows it, (rows, columns, 4) uint8; `path` is free."""
+    with image_data.check_written(path):
+        image.save_render(str(path), scene=stage)
+    pixels = image_data.load_pixels(path)
+    path.unlink()
+    return pixels
+
+
+def views_of(render: bpy.types.RenderSettings) -> list[str]:
     """Return the file suffixes of the picture's views, such as the eyes of stereo."""
     if not render.use_multiview:
         return [""]

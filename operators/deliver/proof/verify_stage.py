@@ -7,17 +7,23 @@ from pathlib import Path
 
 import bpy
 
-from ....crowd_lod.validation.judged_agents import JUDGED
+from ...blender import cameras
 from ...blender.ownership import OWNED
 from ...blender.removal import is_there
 from ...build import bake
 from ...build.shelves import points_of
 from ...build.visibility import hides_characters
-from ..preview.preview_stage import SIZE, Preview, set_up
+from ..preview.preview_stage import SIZE, Preview, restore_settings, set_up
+from .verify_pictures import small
 
 # Blender 4.5 does not read back the values that it writes of two eyes
 PAIRS = bpy.app.version >= (5, 2, 0)
+WIDEST = 960  # pixels of pictures, if no width is wanted
 LONGEST_SHUTTER = 0.99 * bake.LONGEST  # frames
+LIGHT = (
+    *(f"{kind}_bounces" for kind in ("max", "glossy", "diffuse", "transmission", "volume")),
+    *("world", "use_motion_blur"),
+)
 RAYS = ("camera", "diffuse", "glossy", "transmission", "shadow")
 
 
@@ -26,32 +32,31 @@ class Verify:
     """What to verify.
 
     frames: increasing.
-    width: of the whole pictures, pixels.
+    width: of the pictures, pixels; None for the scene's own, WIDEST at most.
     samples: per pixel.
-    bounces: above 0, each picture is rendered a second time, with the light of the sky and this
-        many bounces of light and reflections.
     strict: a frame without the LODs of the scene's shot plan is an error.
-    agents: so many of each frame are rendered alone because they are predicted worst, as many
-        others by chance, and as many of those apart.
     """
 
     frames: list[int]
     folder: Path
-    width: int = 320
+    width: int | None = None
     samples: int = 4
-    bounces: int = 0
     strict: bool = False
-    agents: int = JUDGED
+
+    def size(self, scene: bpy.types.Scene) -> tuple[int, int]:
+        """Return (width, height) of the pictures, pixels."""
+        width, height = cameras.image_size(scene.render)
+        wanted = self.width or min(width, WIDEST)
+        return wanted, max(1, round(wanted * height / width))
 
 
-def set_up_cycles(scene: bpy.types.Scene, task: Verify) -> tuple[int, int]:
+def set_up_cycles(scene: bpy.types.Scene, task: Verify) -> None:
     """Set up `scene` so that Cycles' pictures depend only on what its rays meet.
 
     That is: one seed, and no adaptive sampling, light tree, path guiding, fast GI, time limit or
     denoiser. The scene's own pixel filter and size stay: the crowd is planned for them. The user's
     own build is hidden, and so are the characters if renders hide them.
 
-    Returns the size of the pictures.
     """
     if hides_characters(scene):
         scene.crowd_lod.characters.hide_render = True
@@ -65,8 +70,8 @@ def set_up_cycles(scene: bpy.types.Scene, task: Verify) -> tuple[int, int]:
         render.use_multiview and PAIRS,
     )
     scene_size = [getattr(render, name) for name in SIZE]
-    set_up(scene, Preview(task.frames, task.folder, task.width, "CYCLES", "MATERIAL"))
-    size = render.resolution_x, render.resolution_y
+    width, _ = task.size(scene)
+    set_up(scene, Preview(task.frames, task.folder, width, "CYCLES", "MATERIAL"))
     for name, value in zip(SIZE, scene_size, strict=True):
         setattr(render, name, value)
     render.use_motion_blur, render.use_multiview = filmed
@@ -86,7 +91,6 @@ def set_up_cycles(scene: bpy.types.Scene, task: Verify) -> tuple[int, int]:
     render.image_settings.color_mode = "RGBA"
     for layer in scene.view_layers:
         layer.samples = 0
-    return size
 
 
 @contextmanager
@@ -103,15 +107,35 @@ def without_shadows(scene: bpy.types.Scene) -> Iterator[None]:
                 lamp.use_shadow = casts
 
 
-def light_by(stage: bpy.types.Scene, bounces: int, worlds: tuple) -> None:
-    """Light `stage` by its lamps alone, or with sky and `bounces` of light, too.
+@dataclass(frozen=True)
+class Filming:
+    """How a picture of the proof is rendered.
 
-    worlds: (sky, dark sky); see dark_world.
+    size: (width, height) pixels.
+    world: the sky; dark_world's lights nothing.
+    mirrors: whether what mirrors show is seen.
+    blurs: whether the shutter is open.
+    """
+
+    size: tuple[int, int]
+    world: bpy.types.World | None
+    mirrors: bool = False
+    blurs: bool = True
+
+
+@contextmanager
+def filmed(stage: bpy.types.Scene, filming: Filming) -> Iterator[None]:
+    """Set `stage` up for a picture, and restore it afterwards.
+
+    Light bounces off nothing but mirrors.
     """
     cycles = stage.cycles
-    cycles.max_bounces = cycles.diffuse_bounces = cycles.glossy_bounces = bounces
-    cycles.transmission_bounces = cycles.volume_bounces = bounces
-    stage.world = worlds[0] if bounces else worlds[1]
+    with small(stage, filming.size), restore_settings(stage, stage.render, cycles, only=LIGHT):
+        cycles.max_bounces = cycles.glossy_bounces = int(filming.mirrors)
+        cycles.diffuse_bounces = cycles.transmission_bounces = cycles.volume_bounces = 0
+        stage.world = filming.world
+        stage.render.use_motion_blur &= filming.blurs
+        yield
 
 
 def dark_world(world: bpy.types.World | None) -> bpy.types.World | None:
