@@ -41,13 +41,14 @@ def compare(
     radius: pixels within which a color is looked for.
     ignored: (rows, columns) bool, where colors may differ.
     """
-    pair = [
+    colors, other_colors = (
         encoded(each[..., :3].clip(0, 1)).astype(np.float32) for each in (picture, other_picture)
-    ]
-    off = np.maximum(_not_found(*pair, radius), _not_found(*pair[::-1], radius))
+    )
+    lost, added = _not_found(colors, other_colors, radius), _not_found(other_colors, colors, radius)
+    off = np.maximum(lost, added)
     off[ignored] = 0
     blocks = _means(off)
-    brighter = _means((pair[1] - pair[0]).mean(axis=2))
+    brighter = _means((other_colors - colors).mean(axis=2))
     patches = []
     for rows, columns in _side_by_side(blocks > LARGEST):
         low, left = BLOCK * rows.min(), BLOCK * columns.min()

@@ -15,6 +15,11 @@ from .id_pictures import NOBODY, OUTLINE, PRESENCE, UNJUDGED, Judged
 SLACK = 2**0.5
 WIDEST_EDGE = 4.0  # pixels of the picture within which a color is looked for, at most
 TOLD = 200  # agents of a frame whose figures are kept, those that are wrong and the worst
+# a LOD's agents together: from so many pixels on, the part by which they may be brighter or darker,
+# and what is added to both, of 1, linear, for what is black
+FEWEST_PIXELS = 200
+SHADE = 0.1
+DIM = 0.01
 ON_AGENTS = 0.5  # of a patch's difference: if more lies on agents, it is theirs
 
 
@@ -32,15 +37,18 @@ class Pictures:
     finer: int
 
 
-def judge_lods(
-    pictures: Pictures, allowed: Allowances, group: np.ndarray
-) -> tuple[dict[str, Any], list[dict[str, Any]], list[dict[str, Any]]]:
-    """Return (columns of verify.csv, figures of the worst agents, those of patches that are wrong).
+def judge_lods(pictures: Pictures, allowed: Allowances, group: np.ndarray) -> dict[str, Any]:
+    """Return the `row` of verify.csv, and the figures of `agents`, `patches` and `shades`.
+
+    They are those of the worst agents, of patches of colors that are wrong, and of such LODs.
 
     The figures of an agent: `by` what it is judged; `error_px`, by how many pixels of the final
     picture its outline is off, None where it is not judged, or is `missing` or too much (`extra`);
     `allowed_px` and `predicted_px`, None if unknown; `apart`, why that does not bind it; `ok`, None
     where nothing binds it; `box`, its rows and columns (low, high, left, right) in samples.
+
+    Those of a LOD that is darker or brighter than its character: `group`, `lod`, `brighter`, the
+    part by which its agents are brighter together (darker below 0).
 
     Those of a patch: `size_px`, its width and height, of the final picture; `off`, see
     color_patches.Patch; `brighter`; the `agent` on which it lies, or None; `box`.
@@ -51,6 +59,7 @@ def judge_lods(
     facts = [_facts(agent, each, allowed, group, pictures.finer) for agent, each in judged.items()]
     facts.sort(key=badness)
     off, largest, patches = _judge_colors(pictures, allowed, list(judged))
+    shades = _judge_shades(pictures, allowed, group)
     bound = [each for each in facts if each["ok"] is not None]
     apart = [each["error_px"] or 0.0 for each in facts if each["apart"] and each["by"] != UNJUDGED]
     measured = [each for each in bound if each["error_px"] is not None]
@@ -69,9 +78,15 @@ def judge_lods(
         "apart_px": max(apart, default=None),
         "color_off": largest,
         "patches": len(patches),
-        "lod_ok": not patches and all(each["ok"] for each in bound),
+        "shades": len(shades),
+        "lod_ok": not patches and not shades and all(each["ok"] for each in bound),
     }
-    return row, facts[:TOLD], [_patch_facts(patch, off, pictures) for patch in patches]
+    return {
+        "row": row,
+        "agents": facts[:TOLD],
+        "patches": [_patch_facts(patch, off, pictures) for patch in patches],
+        "shades": shades,
+    }
 
 
 def badness(facts: dict[str, Any]) -> tuple:
@@ -108,19 +123,21 @@ def _facts(
     limit = float(allowed.allowed[agent])
     apart = str(allowed.apart[agent])
     unbound = judged.by == UNJUDGED or apart != ""
-    gone = judged.error == np.inf
+    is_wrong = bool(error > limit + SLACK / finer)
+    missing = is_wrong and judged.other_samples == 0
+    extra = is_wrong and judged.samples == 0
     return {
         "agent": agent,
         "group": int(group[agent]),
         "lod": int(allowed.level[agent]),
         "by": judged.by,
-        "error_px": error if np.isfinite(error) else None,
-        "missing": bool(gone and judged.samples >= judged.other_samples),
-        "extra": bool(gone and judged.samples < judged.other_samples),
+        "error_px": error if np.isfinite(error) and not (missing or extra) else None,
+        "missing": missing or (error == np.inf and not extra),
+        "extra": extra,
         "allowed_px": _known(limit),
         "predicted_px": _known(float(allowed.predicted[agent])),
         "apart": apart,
-        "ok": None if unbound else bool(error <= limit + SLACK / finer),
+        "ok": None if unbound else not is_wrong,
         "box": judged.box,
     }
 
@@ -141,6 +158,30 @@ def _judge_colors(
     radius = np.ceil(most * pictures.colors[0].shape[1] / final)
     ignored = is_apart[seen[0]] | is_apart[seen[1]]
     return color_patches.compare(*pictures.colors, min(max(radius, 1.0), WIDEST_EDGE), ignored)
+
+
+def _judge_shades(
+    pictures: Pictures, allowed: Allowances, group: np.ndarray
+) -> list[dict[str, Any]]:
+    """Return the figures of LODs whose agents are together darker or brighter than at full detail.
+
+    Of all pixels that show the same agent in both pictures, linear.
+    """
+    seen, other_seen = (_at_pixels(pictures, k) for k in (0, 1))
+    same = (seen == other_seen) & (seen != NOBODY)
+    agents = seen[same]
+    count = int(allowed.level.max(initial=0)) + 1
+    kind = group[agents].astype(np.intp) * count + allowed.level[agents]
+    pixels = np.bincount(kind)
+    light, other_light = (
+        np.bincount(kind, colors[same][:, :3].clip(0, 1).mean(axis=1)) for colors in pictures.colors
+    )
+    brighter = (other_light + DIM * pixels) / np.maximum(light + DIM * pixels, 1e-12) - 1
+    wrong = np.flatnonzero((pixels >= FEWEST_PIXELS) & (np.abs(brighter) > SHADE))
+    return [
+        {"group": int(k // count), "lod": int(k % count), "brighter": float(brighter[k])}
+        for k in wrong
+    ]
 
 
 def _at_pixels(pictures: Pictures, which: int) -> np.ndarray:

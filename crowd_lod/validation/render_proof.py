@@ -63,6 +63,7 @@ def verdict(result: dict) -> str:
         phrases = [
             *_of_build(result["build"]),
             *_of_outlines(result),
+            *_of_shades(result),
             *_of_colors(result["patches"]),
             *_of_culling(result["frames"]),
         ]
@@ -174,7 +175,8 @@ def _of_colors(patches: Sequence[dict]) -> list[str]:
     """Return what is wrong with colors, in phrases."""
     if not patches:
         return []
-    worst = max(patches, key=lambda patch: patch["off"])
+    # whose material is wrong leaves the ground as it is
+    worst = max(patches, key=lambda patch: (patch["agent"] is None, patch["off"]))
     wide, high = worst["size_px"]
     if worst["agent"] is not None:
         reason = f"on agent {worst['agent']}: another material?"
@@ -184,6 +186,19 @@ def _of_colors(patches: Sequence[dict]) -> list[str]:
     return [
         f"a patch of {wide:.0f} x {high:.0f} px differs by {worst['off']:.2f} in frame "
         f"{worst['frame']}{more}: {reason}"
+    ]
+
+
+def _of_shades(result: dict) -> list[str]:
+    """Return which LODs are darker or brighter than their characters, in phrases."""
+    worst: dict[tuple[int, int], float] = {}
+    for shade in result["shades"]:
+        kind = shade["group"], shade["lod"]
+        worst[kind] = max(shade["brighter"], worst.get(kind, 0.0), key=abs)
+    return [
+        f"LOD {lod} of {result['groups'][group]} is {abs(brighter):.0%} "
+        f"{'brighter' if brighter > 0 else 'darker'} than the character: another material?"
+        for (group, lod), brighter in worst.items()
     ]
 
 

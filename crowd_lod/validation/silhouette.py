@@ -173,7 +173,7 @@ def _interval(
         )
         near[y, x] = True
         windows[0] &= near.repeat(closer, axis=0).repeat(closer, axis=1)
-        closest = max(closest, outside(*windows)[2].max(initial=0.0) / closer)
+        closest = max(closest, outside(windows[0], windows[1])[2].max(initial=0.0) / closer)
     return max(closest - ERROR / closer, 0.0), max(closest + ERROR / closer, most - ERROR)
 
 

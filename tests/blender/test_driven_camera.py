@@ -274,7 +274,7 @@ def test_verify_renders_and_judges_what_the_scenes_own_frames_show(built, tmp_pa
             lenses.add(round(of_scene(depsgraph.scene, depsgraph), 3))
 
     bpy.app.handlers.frame_change_post.append(noted)
-    result = finished(verify(built, Verify([14], tmp_path / "proof", 48, 1, agents=1), []))
+    result = finished(verify(built, Verify([14], tmp_path / "proof", 48, 1), []))
     assert settings(built) == before
     assert result["ok"] and result["frames"][0]["visible"] == visible
     assert lenses == {lens}

@@ -211,17 +211,14 @@ def test_populate_and_build_name_the_characters_that_glow():
 
 @pytest.mark.once
 def test_verify_proves_that_the_light_stays(tmp_path):
-    glow_scene(emission())
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "glow.blend"))
-    run = [
-        "verify",
-        tmp_path / "glow.blend",
-        "--frames",
-        "1",
-        "--out",
-        tmp_path / "proof",
-        "--quiet",
-    ]
-    commands.run_command([*map(str, run)], "crowd-lod")
-    (row,) = json.loads((tmp_path / "proof" / "verify.json").read_text())["frames"]
-    assert row["b_pixels"] == 0 and row["bare_pixels"] > 50
+    scene = glow_scene(emission())
+    rows = []
+    for shadows in (True, False):
+        scene.crowd_lod.shadows = shadows
+        bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "glow.blend"))
+        out = tmp_path / str(shadows)
+        run = ["verify", tmp_path / "glow.blend", "--frames", "1", "--out", out, "--quiet"]
+        commands.run_command([*map(str, run)], "crowd-lod")
+        rows += json.loads((out / "verify.json").read_text())["frames"]
+        scene = bpy.context.scene
+    assert rows[0]["culling_pixels"] == 0 and rows[1]["culling_pixels"] > 50

@@ -167,10 +167,13 @@ def test_they_are_read_where_they_are_at_each_frame(lit, way, blur):  # noqa: F8
 @pytest.mark.parametrize("way", [by_nodes, in_an_instanced_collection])
 def test_no_shadow_of_theirs_is_missing(lit, way, tmp_path):  # noqa: F811
     way(lit)
-    (row,) = finished(verify(lit, Verify([7], tmp_path / "out", 96, 2, agents=1), ["test"]))[
-        "frames"
-    ]
-    assert row["b_pixels"] == 0 and row["shadow"] > 0 and row["bare_pixels"] > 0
+    rows = []
+    for shadows in (True, False):
+        lit.crowd_lod.shadows = shadows
+        task = Verify([7], tmp_path / str(shadows), 96, 2)
+        rows += finished(verify(lit, task, ["test"]))["frames"]
+    assert rows[0]["culling_pixels"] == 0 < rows[0]["shadow"]
+    assert rows[1]["culling_pixels"] > 0 == rows[1]["shadow"]
 
 
 def test_what_is_kept_of_them_follows_edits(lit):  # noqa: F811

@@ -19,11 +19,13 @@ BUILD = {"kind": "made for this proof", "older_than": [], "hidden": False}
 GONE = {"ok": False, "missing": True, "error_px": None}
 
 
-def proof(*changes, agents=(), patches=(), build=None):
+def proof(*changes, agents=(), patches=(), shades=(), build=None):
     result = {
         "frames": [ROW | change for change in changes or ({},)],
         "agents": [AGENT | agent for agent in agents],
         "patches": [PATCH | patch for patch in patches],
+        "shades": list(shades),
+        "groups": ["adult", "child"],
         "build": BUILD | (build or {}),
         "not_proved": ["other frames", "denoising"],
         "left_out": ["One eye was looked at."],
@@ -80,8 +82,18 @@ def test_what_passed_says_how_many_and_how_well():
         ),
         (
             {"patches": 2, "lod_ok": False},
-            {"patches": [{"off": 0.2}, {"agent": 5}]},
+            {"patches": [{"off": 0.2, "agent": 4}, {"agent": 5}]},
             "a patch of 40 x 60 px differs by 0.71 in frame 3, and 1 more: on agent 5: another",
+        ),
+        (
+            {"patches": 2, "lod_ok": False},
+            {"patches": [{"off": 0.2, "brighter": -0.1}, {"agent": 5}]},
+            "a patch of 40 x 60 px differs by 0.20 in frame 3, and 1 more: a shadow too much?;",
+        ),
+        (
+            {"shades": 1, "lod_ok": False},
+            {"shades": [{"group": 1, "lod": 2, "brighter": each} for each in (-0.21, -0.335)]},
+            "Failed: LOD 2 of child is 34% darker than the character: another material?; culling",
         ),
         (
             {"culling_pixels": 34, "culling_ok": False, "strangers": 1},

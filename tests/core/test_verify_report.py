@@ -8,12 +8,12 @@ from ..support.pages import Reader
 EVIL = '<script>alert("x")</script>&'
 ROW = {"frame": 3, "agents": 4096, "visible": 1000, "shadow": 12, "mirrored": 0, "culling_ok": True, "lod_ok": True,
        "culling_pixels": 0, "strangers": 0, "by_outline": 20, "by_presence": 900, "not_judged": 80, "missing": 0, "extra": 0,
-       "off": 0, "error_px": 0.5, "allowed_px": 1.0, "apart": 0, "apart_px": None, "color_off": 0.05, "patches": 0}  # fmt: skip
+       "off": 0, "error_px": 0.5, "allowed_px": 1.0, "apart": 0, "apart_px": None, "give_or_take_px": 0.7, "color_off": 0.05, "patches": 0}  # fmt: skip
 AGENT = {"frame": 3, "agent": 7, "lod": 2, "by": "outline", "error_px": 0.35, "predicted_px": None, "allowed_px": 1.04,
          "apart": "pinned", "missing": False, "extra": False, "ok": None}  # fmt: skip
 RESULT = {"command": ["sidebar"], "ok": True, "width": 960, "samples": 16, "amplified": 16, "left_out": ["One eye."],
           "pictures": {"a": "everyone", "b": "culled"}, "not_proved": ["other frames", "denoising"], "frames": [ROW],
-          "agents": [], "patches": [], "build": {"kind": "bake", "older_than": [], "hidden": False}}  # fmt: skip
+          "agents": [], "patches": [], "shades": [], "groups": [], "build": {"kind": "bake", "older_than": [], "hidden": False}}  # fmt: skip
 
 
 def test_the_verdict_leads_and_every_frame_has_its_row_and_its_places():

@@ -154,8 +154,7 @@ class Proof:
         row["older_than"] = ", ".join(self.proved.older_than(number, moment))
         account = {
             "row": row,
-            "agents": found["agents"],
-            "patches": found["patches"],
+            **{kind: found[kind] for kind in ("agents", "patches", "shades")},
             "unplanned": note_of(number, planned.unplanned, self.task.strict),
         }
         return account, [*self.pictures(number), self._path(number, "places")]
@@ -203,21 +202,21 @@ class Proof:
     def _judge_lods(
         self, number: int, pictures: Pictures, allowed: Allowances, group: np.ndarray
     ) -> Generator[float, None, dict[str, Any]]:
-        """Compare full detail with what is built; yields the progress, returns lod_proof's dicts.
+        """Compare full detail with what is built; yields the progress, returns judge_lods' dict.
 
         group: (n,) of the agents.
         """
         judging = partial(judge_lods, pictures, allowed, group)
-        row, agents, patches = yield from run_in_thread(judging)
+        found = yield from run_in_thread(judging)
         yield from self._show_difference(number, "a_c", pictures.colors)
         drawing = draw_places(
-            [*patch_places(patches), *agent_places(agents)],
+            [*patch_places(found["patches"]), *agent_places(found["agents"])],
             tuple(self._path(number, name) for name in "ac"),
             pictures,
             self._path(number, "places"),
         )
         yield from drawing
-        return {"row": row, "agents": agents, "patches": patches}
+        return found
 
     def _show_difference(
         self, number: int, name: str, pair: tuple[np.ndarray, np.ndarray]

@@ -29,7 +29,7 @@ PAINT = np.array(
 
 
 @dataclass(frozen=True)
-class Place:
+class WorstPlace:
     """A place in the pictures of a frame.
 
     box: its rows and columns (low, high, left, right), samples of the ids.
@@ -42,22 +42,22 @@ class Place:
     words: str
 
 
-def agent_places(agents: Sequence[dict[str, Any]]) -> list[Place]:
+def agent_places(agents: Sequence[dict[str, Any]]) -> list[WorstPlace]:
     """Return the places of agents, by their figures (see lod_proof.judge_lods)."""
     return [
-        Place(agent["box"], agent["agent"], f"Agent {agent['agent']:,}\n{describe(agent)}")
+        WorstPlace(agent["box"], agent["agent"], f"Agent {agent['agent']:,}\n{describe(agent)}")
         for agent in agents
         if agent["by"] and not agent["apart"]
     ]
 
 
-def patch_places(patches: Sequence[dict[str, Any]]) -> list[Place]:
+def patch_places(patches: Sequence[dict[str, Any]]) -> list[WorstPlace]:
     """Return the places of patches, by their figures (see lod_proof.judge_lods)."""
-    return [Place(patch["box"], None, f"Colors\n{patch['off']:.2f} off") for patch in patches]
+    return [WorstPlace(patch["box"], None, f"Colors\n{patch['off']:.2f} off") for patch in patches]
 
 
 def draw_places(
-    places: Sequence[Place], pictures: tuple[Path, ...], shown: Pictures, path: Path
+    places: Sequence[WorstPlace], pictures: tuple[Path, ...], shown: Pictures, path: Path
 ) -> Generator[float, None, None]:
     """Write the picture of the first of the places as the PNG `path`; yield between steps.
 
@@ -76,7 +76,7 @@ def draw_places(
 
 
 def _tiles(
-    places: Sequence[Place], pair: Sequence[np.ndarray], shown: Pictures
+    places: Sequence[WorstPlace], pair: Sequence[np.ndarray], shown: Pictures
 ) -> list[np.ndarray]:
     """Return the tiles of the places, (rows, columns, 4) uint8 each, three a place."""
     ids = [np.concatenate(views, axis=1) for views in zip(*shown.ids, strict=True)]

@@ -229,14 +229,15 @@ def _result(
         "pictures": PICTURES,
         "amplified": AMPLIFIED,
         "frames": rows,
-        **{kind: _of_all(frames, kind) for kind in ("agents", "patches")},
+        **{kind: _of_all(frames, kind) for kind in ("agents", "patches", "shades")},
+        "groups": [group.name for group in scene.crowd_lod.groups],
         "build": None,
         "left_out": notes,
     }
 
 
 def _of_all(frames: list[dict], kind: str) -> list[dict[str, Any]]:
-    """Return what all frames tell of agents, or of patches, and of which frame that is."""
+    """Return what all frames tell of agents, patches or shades, and of which frame that is."""
     return [{"frame": each["row"]["frame"], **told} for each in frames for told in each[kind]]
 
 

@@ -1,0 +1,209 @@
+"""Faults that are planted in a bake: the proof finds each, in words for people, with exit code 1."""
+
+import json
+import re
+
+import bpy
+import numpy as np
+import pytest
+from crowd_lod_extension.operators.blender import mesh_data
+from crowd_lod_extension.operators.blender.materials import switch_nodes_on
+from crowd_lod_extension.operators.build.shelves import BucketKind, points_of, shelves_of
+from crowd_lod_extension.operators.cli import commands
+from crowd_lod_extension.sample_scenes.scenery import add, material, tile
+from mathutils import Matrix
+
+pytestmark = pytest.mark.once  # long, and the same on every Blender
+FINER = -1  # LODs of coarser characters have other colors
+COARSEST = 2
+
+
+@pytest.fixture
+def baked(saved_once, request):
+    """The small crowd on a ground under a sun and a gray sky, two frames of it baked."""
+    return saved_once("planted", lambda: _bake(request.getfixturevalue("levelled")))
+
+
+def _bake(scene):
+    ground = material("Ground", (0.5, 0.5, 0.5))
+    add(scene.collection, "Ground", [(tile(-60, -40, 60, 80), ground)])
+    _lamp("Sun", (0.4, 0.9, 0.2), 3)
+    scene.world = bpy.data.worlds.new("Sky")
+    sky = next(node for node in switch_nodes_on(scene.world).nodes if node.type == "BACKGROUND")
+    sky.inputs["Color"].default_value = (0.3, 0.35, 0.4, 1)
+    scene.render.engine = "CYCLES"
+    scene.render.resolution_x, scene.render.resolution_y = 320, 180
+    settings = scene.crowd_lod
+    settings.choice = "BY_TOLERANCE"
+    settings.tolerance = 1.0
+    scene.frame_end = 2
+    assert bpy.ops.crowd_lod.bake() == {"FINISHED"}
+
+
+def _lamp(name, turn, energy):
+    sun = bpy.data.objects.new(name, bpy.data.lights.new(name, "SUN"))
+    sun.rotation_euler = turn
+    sun.data.energy = energy
+    bpy.context.scene.collection.objects.link(sun)
+
+
+def proved(scene, folder, frames="1"):
+    """(exit code, verdict, verify.json) of the command."""
+    file = folder / "shot.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(file))
+    out = folder / "proof"
+    words = "verify", str(file), "--frames", frames, "--out", str(out), "--quiet"
+    code = commands.run_command(list(words), "crowd-lod")
+    return code, json.loads((out / "verify.json").read_text())
+
+
+def edit_points(scene, edit, kind=BucketKind.LOD):
+    """Let `edit` change the columns of each bucket; what it returns are the points that stay."""
+    for bucket, points in points_of(scene.crowd_lod.build).items():
+        columns = mesh_data.read_points(points.data)
+        if bucket.kind is kind and "id" in columns:
+            stays = edit(bucket, columns)
+            if stays is not None:
+                columns = {name: values[stays] for name, values in columns.items()}
+            mesh_data.write_points(points.data, columns)
+
+
+def lod_meshes(scene, level):
+    """The meshes of a LOD, for each character."""
+    items = shelves_of(scene.crowd_lod.build)[level].all_objects
+    return {item.data for item in items if item.type == "MESH"}
+
+
+def no_shadows(scene):
+    for item in scene.crowd_lod.build.all_objects:
+        item.visible_shadow = False
+
+
+def red_lod(scene):
+    red = material("Red", (0.8, 0.01, 0.01))
+    for mesh in lod_meshes(scene, 1):
+        for slot in range(len(mesh.materials)):
+            mesh.materials[slot] = red
+
+
+def darker_lod(scene):
+    for item in shelves_of(scene.crowd_lod.build)[COARSEST].all_objects:
+        for slot in item.material_slots:
+            darker = slot.material.copy()
+            slot.link = "OBJECT"
+            slot.material = darker
+            tree = darker.node_tree
+            shader = next(node for node in tree.nodes if node.type == "BSDF_PRINCIPLED")
+            color = shader.inputs["Base Color"]
+            scale = tree.nodes.new("ShaderNodeVectorMath")
+            scale.operation = "SCALE"
+            scale.inputs["Scale"].default_value = 2 / 3
+            if color.is_linked:
+                tree.links.new(color.links[0].from_socket, scale.inputs[0])
+            else:
+                scale.inputs[0].default_value = color.default_value[:3]
+            tree.links.new(scale.outputs[0], color)
+
+
+def larger_lod(scene):
+    for mesh in lod_meshes(scene, 1):
+        mesh.transform(Matrix.Scale(1.1, 4))
+
+
+def shifted_lod(scene):
+    for mesh in lod_meshes(scene, 1):
+        mesh.transform(Matrix.Translation((0, 0, 0.15)))
+
+
+def swapped_lods(scene):
+    items = shelves_of(scene.crowd_lod.build)[COARSEST].all_objects
+    meshes = sorted((item for item in items if item.type == "MESH"), key=lambda item: item.name)
+    adult = next(item.data for item in meshes if item.name.startswith("adult"))
+    for item in meshes:
+        if item.name.startswith("child"):
+            item.data = adult
+
+
+def later_phase(scene):
+    def edit(bucket, columns):
+        columns["pose"] = (columns["pose"] + 8).astype(np.int32)
+
+    edit_points(scene, edit)
+
+
+def turned(scene):
+    def edit(bucket, columns):
+        columns["heading"] += np.float32(np.radians(15))
+
+    edit_points(scene, edit)
+
+
+def three_deleted(scene):
+    edit_points(scene, lambda bucket, columns: np.arange(len(columns["id"])) % 20 != 7)
+
+
+def one_deleted_throughout(scene):
+    far = {}
+
+    def note(bucket, columns):
+        if bucket.level == COARSEST:
+            far["id"] = columns["id"][np.argmin(np.abs(columns["position"][:, 0]))]
+
+    edit_points(scene, note)
+    edit_points(scene, lambda bucket, columns: columns["id"] != far["id"])
+
+
+def late_lamp(scene):
+    _lamp("Low", (0, 1.35, 0), 3)
+
+
+def shadows_of_those_outside(scene):
+    edit_points(scene, lambda bucket, columns: columns["id"] < 0, BucketKind.SHADOW)
+
+
+def all_far_deleted(scene):
+    edit_points(scene, lambda bucket, columns: columns["position"][:, 1] < 5)
+
+
+FAULTS = {
+    no_shadows: r"a patch of \d+ x \d+ px differs by 0\.\d+ in frame 1.*: no shadow\?",
+    red_lod: r"a patch of .* on agent \d+: another material\?",
+    darker_lod: r"LOD 2 of adult is \d\d% darker than the character: another material\?; .*LOD 2 of c",
+    larger_lod: r"agent \d+ \(LOD 1, frame 1\) is off by \d+\.\d px of \d\.\d",
+    shifted_lod: r"agent \d+ \(LOD 1, frame 1\) is off by \d+\.\d px of \d\.\d",
+    swapped_lods: r"agent \d+ \(LOD 2, frame 1\) is off by \d+\.\d px",
+    later_phase: r"agent \d+ \(LOD \d, frame 1\) is off by \d+\.\d px",
+    turned: r"agent \d+ \(LOD \d, frame 1\) is off by \d+\.\d px",
+    three_deleted: r"\d+ agents are missing in frame 1: \d+, \d+",
+    one_deleted_throughout: r"1 agent is missing in frame 1: \d+;",
+    late_lamp: r"the bake is older than the lights: bake again; .*culling changes \d+ pixels",
+    shadows_of_those_outside: r"culling changes \d+ pixels in frame 1",
+    all_far_deleted: r"\d+ agents are missing in frame 1: ",
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.__name__)
+def test_a_planted_fault_is_found_and_named(baked, tmp_path, capfd, fault):
+    fault(baked)
+    capfd.readouterr()
+    code, result = proved(baked, tmp_path)
+    said = capfd.readouterr().out
+    assert code == 1 and not result["ok"]
+    assert re.search(rf"Failed: .*{FAULTS[fault]}", said), said
+
+
+def test_what_is_as_it_was_made_passes(baked, tmp_path, capfd):
+    code, result = proved(baked, tmp_path)
+    (row,) = result["frames"]
+    assert code == 0 and "Passed: " in capfd.readouterr().out
+    assert row["by_outline"] > 30 and row["by_presence"] > 5 and row["color_off"] < 0.1
+
+
+def test_a_fault_in_a_frame_that_is_not_looked_at_is_not_found_and_so_said(baked, tmp_path, capfd):
+    def edit(bucket, columns):
+        return (columns["frame"] == 1) | (columns["id"] % 2 == 0)
+
+    edit_points(baked, edit)
+    code, result = proved(baked, tmp_path)
+    assert code == 0 and "Not proved: other frames; " in capfd.readouterr().out
+    assert proved(baked, tmp_path, "2")[0] == 1
