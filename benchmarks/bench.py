@@ -7,7 +7,7 @@ Prints the chapter's tables, and writes CSV, JSON and figure 1.6.
 ./crowd-lod bench --worth --characters FOLDER       planned bakes beside rivals: reach.py
 ./crowd-lod bench --shots [--quick] [--out DIR]     shot plans instead: shots.py
 ./crowd-lod bench --costs                           what things cost engines: costs.py
-./crowd-lod bench --memory [FILE ...]               memory as predicted: memory.py
+./crowd-lod bench --estimates FILE ...              memory and time as predicted: estimates.py
 ./crowd-lod bench --choices                         which LODs pay, rendered: choices.py
 ./crowd-lod bench --occlusion                       who is hidden by scenery: occlusion.py
 ./crowd-lod bench --wardrobes                       parts that agents wear: wardrobes.py
@@ -98,20 +98,14 @@ INSTEAD = (
         {},
     ),
     (
-        "--memory",
-        "memory and files beside what is predicted, of crowds of the samples' people and of each "
-        "character FILE (glTF, FBX): half an hour",
-        {"nargs": "*", "metavar": "FILE"},
+        "--estimates",
+        "memory and time of builds beside what Estimate Cost predicts, of crowds of the character "
+        "FILEs (glTF, FBX): half an hour",
+        {"nargs": "+", "metavar": "FILE"},
     ),
     ("--choices", "builds with several choices of LODs, rendered: an hour", {}),
     ("--occlusion", "who is hidden by scenery, judged by pictures and rays: half an hour", {}),
     ("--wardrobes", "what slots of parts cost: three minutes", {}),
-    (
-        "--held-out",
-        "judge what this engine's costs say of time with LODs, by crowds that none was fitted to: "
-        "ten minutes",
-        {"choices": ("cycles", "eevee")},
-    ),
 )
 
 
@@ -176,10 +170,10 @@ def main(arguments: list[str] | None = None) -> None:
         import costs
 
         return costs.main()
-    if args.memory is not None:
-        import memory
+    if args.estimates:
+        import estimates
 
-        return memory.main(args.memory)
+        return estimates.main(args.estimates)
     if args.choices:
         import choices
 
@@ -192,10 +186,6 @@ def main(arguments: list[str] | None = None) -> None:
         import wardrobes
 
         return wardrobes.main()
-    if args.held_out:
-        import costs
-
-        return costs.judge(args.held_out.upper())
     with files.staged(files.absolute(args.out)) as stage:
         measure(stage, args)
     print(f"\n{args.out.absolute()}")

@@ -1,33 +1,23 @@
-"""What each thing that a build holds costs an engine in seconds; memory.py is for memory.
+"""What each thing that a build holds costs an engine in seconds; estimates.py judges the costs.
 
 SECONDS of crowd_lod/levels/cost_model.py, fitted to renders.
 
 ./crowd-lod bench --costs
-./crowd-lod bench --held-out cycles
 
 Crowds of few and many characters, triangles and agents, at full detail and with LODs, each a file
 that needs no Crowd LOD, are rendered in a process of their own. What a render takes beyond that of
 the empty ground is put down to the counts of Work by non-negative least squares of relative errors.
 Prints the rows, the coefficients and the residuals.
-
---held-out judges costs by crowds that none was fitted to: the time with LODs as a part of full
-detail's, rendered and by the costs.
 """
 
 import tempfile
-from collections.abc import Iterator, Sequence
-from dataclasses import fields
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from cost_fit import fit_costs
-from crowd_lod_extension.crowd_lod.levels.cost_model import (
-    Work,
-    default_costs,
-    price,
-)
+from crowd_lod_extension.crowd_lod.levels.cost_model import Work
 from jobs import job
-from ways import EVERYONE
 from worth import LIMIT, PICTURE, show
 
 # Of each engine the characters, how often their faces are divided, pixels of a side of their
@@ -48,10 +38,6 @@ AGENTS = {"CYCLES": (30, 1000, 30_000, 300_000), "EEVEE": (10, 100, 300)}
 SAMPLES = {"CYCLES": (4, 16), "EEVEE": (1, 4)}  # of a pixel
 REPEATS = {"CYCLES": 3, "EEVEE": 1}  # renders of each file, for medians
 COUNTS = "posed", "unique", "split", "instances", "instanced", "rigs", "images"
-# Crowds that no costs are fitted to: characters, meters to the nearest, how often their faces are
-# divided
-HELD_OUT = (3, 8, 1), (6, 3, 0)
-HELD_OUT_AGENTS = {"CYCLES": (300, 5000), "EEVEE": (50, 150)}
 # the count that grows with the samples
 PER_SAMPLE = {"CYCLES": "traced", "EEVEE": "drawn_triangles"}
 
@@ -78,37 +64,6 @@ def main() -> None:
                 "residuals",
                 fit.errors.round(2).tolist(),
             )
-
-
-def judge(engine: str) -> None:
-    """Print the shares of time of HELD_OUT in `engine`: rendered, and by the costs."""
-    names = [each.name for each in fields(Work)]
-    with tempfile.TemporaryDirectory() as scratch:
-        for groups, meters, finer in HELD_OUT:
-            crowd = {"groups": groups, "meters": meters, "finer": finer, "pixels": 0}
-            rows = measured(engine, crowd, True, scratch, HELD_OUT_AGENTS[engine])
-            shares = []
-            for whole, lods in pairs_of(rows):
-                share = {"agents": whole["agents"], "rays": whole["rays"]}
-                share["rendered"] = lods["cpu_s"] / whole["cpu_s"]
-                costs = default_costs(engine, whole["samples"])
-                by_ratio, full = (
-                    price(Work(**{name: row[name] for name in names}), costs).seconds
-                    for row in (lods, whole)
-                )
-                share["predicted"] = by_ratio / full
-                share["off"] = share["predicted"] / share["rendered"] - 1
-                shares.append({name: round(value, 3) for name, value in share.items()})
-            show(f"{engine}, {crowd}: time with LODs as a part of full detail's", shares)
-
-
-def pairs_of(rows: list[dict]) -> Iterator[tuple[dict, dict]]:
-    """Yield (the row at full detail, the row with LODs) of the same agents and samples."""
-    for whole in rows:
-        for lods in rows:
-            same = (whole["agents"], whole["samples"]) == (lods["agents"], lods["samples"])
-            if same and (whole["way"], lods["way"]) == (EVERYONE, "by distance"):
-                yield whole, lods
 
 
 def measured(

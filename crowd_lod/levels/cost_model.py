@@ -8,7 +8,8 @@ to trace rays through. EEVEE draws the triangles of each instance again, and all
 each sample of a pixel. So LODs save *unique* triangles in Cycles and *instanced* ones in EEVEE; a
 LOD that few agents show saves neither.
 
-The coefficients are fitted to renders by `./crowd-lod bench --costs`, which prints their residuals.
+The coefficients are fitted to renders by `./crowd-lod bench --costs` (seconds) and `--estimates`
+(memory), which print their residuals.
 Memory is absolute, and counts what the crowd adds to the scene. Seconds are those of the
 developers' machines: only their ratios are reported.
 """
@@ -38,11 +39,15 @@ class Work:
     rays: samples of the pixels that agents cover.
     drawn_triangles: triangles of all instances, counted once for each sample of a pixel. Only what
         renders are fitted to has it: see default_costs.
-    images, image_count: bytes, and number, of the images that the characters' materials use.
+    images: bytes of the images that the characters' materials use.
     keys: keys of the actions of the build's rigs.
     other_keys: keys of all other actions in the file, such as the characters' own.
     meshes: bytes in memory of the meshes of characters, LODs and still poses.
     materials: materials of the characters.
+    objects: mesh objects of the characters in the build's collections.
+    emitting: those of the unique triangles whose material emits light.
+    builds: 1, for what any build takes.
+    live: 1 for a live build, which Crowd LOD follows in the process that renders; 0 for a bake.
     """
 
     posed: float = 0.0
@@ -55,11 +60,14 @@ class Work:
     rays: np.ndarray | float = 0.0
     drawn_triangles: np.ndarray | float = 0.0
     images: float = 0.0
-    image_count: float = 0.0
     keys: float = 0.0
     other_keys: float = 0.0
     meshes: float = 0.0
     materials: float = 0.0
+    objects: float = 0.0
+    emitting: np.ndarray | float = 0.0
+    builds: float = 0.0
+    live: float = 0.0
 
     @property
     def traced(self) -> np.ndarray | float:
@@ -70,20 +78,23 @@ class Work:
         return self.rays * np.log2(np.maximum(self.unique, 1.0))
 
 
-# Bytes of main memory for one of each. Cycles: within 16 % of 24 renders. EEVEE on a graphics card:
-# 23 % rms of 15 renders. docs/notes/costs.md has the builds.
+# Bytes of main memory for one of each. Cycles: 13 % rms of 31 builds of fetched characters, 32 % at
+# worst of six others. EEVEE on a graphics card: 23 % rms of 15 renders. docs/notes/costs.md has the
+# builds.
 MEMORY: dict[str, dict[str, float]] = {
     "CYCLES": {
-        "posed": 32,
-        "unique": 125,
+        "builds": 5_400_000,
+        "live": 5_300_000,
+        "objects": 176_000,
+        "unique": 92,
+        "emitting": 690,
         "instances": 1800,
-        "bones": 14_700,
+        "bones": 9100,
         "images": 1.56,
-        "image_count": 10_800_000,
-        "keys": 225,
-        "other_keys": 140,
-        "meshes": 1.7,
-        "materials": 850_000,
+        "keys": 250,
+        "other_keys": 95,
+        "meshes": 2.9,
+        "materials": 885_000,
     },
     "EEVEE": {
         "posed": 60,
@@ -91,7 +102,6 @@ MEMORY: dict[str, dict[str, float]] = {
         "instances": 5000,
         "bones": 14_700,
         "images": 1.56,
-        "image_count": 10_800_000,
         "keys": 225,
         "other_keys": 140,
         "meshes": 1.7,
@@ -196,10 +206,12 @@ class Holdings:
     """What G groups hold, whatever frames show: each field is (G,), or one number for all.
 
     rigs, bones: armatures of one character, and their bones.
-    keys, other_keys, meshes, materials: as of Work, of each group; without LODs. What two groups
-        share is counted for the first.
+    keys, other_keys, meshes, materials, builds, live: as of Work, of each group; without LODs. What
+        groups share is counted for the first.
     triangle: bytes in memory of a triangle of a mesh, with its vertices.
     split: part of the characters' triangles whose corners have normals of their own.
+    emitting: part of them whose material emits light.
+    parts: mesh objects of one character.
     """
 
     rigs: np.ndarray | float = 1.0
@@ -210,6 +222,10 @@ class Holdings:
     triangle: np.ndarray | float = 0.0
     split: np.ndarray | float = 0.0
     materials: np.ndarray | float = 0.0
+    emitting: np.ndarray | float = 0.0
+    parts: np.ndarray | float = 0.0
+    builds: np.ndarray | float = 0.0
+    live: np.ndarray | float = 0.0
 
 
 @dataclass(frozen=True)
@@ -289,9 +305,12 @@ def work_of(
     triangles = actors.triangles.T[:, actors.group].astype(np.float64)  # (K, N)
     holdings = actors.holdings
     groups = len(actors.triangles)
-    still = np.broadcast_to(holdings.rigs, groups)[actors.group] == 0
+    emitting, parts, rigs = (
+        np.broadcast_to(each, groups)[actors.group]
+        for each in (holdings.emitting, holdings.parts, holdings.rigs)
+    )
     # each pose is a mesh of its own
-    poses = np.bincount(actors.group, (is_held * triangles).sum(axis=0) * still, groups)
+    poses = np.bincount(actors.group, (is_held * triangles).sum(axis=0) * (rigs == 0), groups)
     more = actors.stored + poses
     return Work(
         posed=float((is_held * triangles).sum()),
@@ -306,6 +325,10 @@ def work_of(
         other_keys=float(np.broadcast_to(holdings.other_keys, groups).sum()),
         meshes=float(np.sum(holdings.meshes + more * holdings.triangle)),
         materials=float(np.broadcast_to(holdings.materials, groups).sum()),
+        objects=float((is_held * parts).sum()),
+        emitting=((shown_agents > 0) * triangles * emitting).sum(axis=(1, 2)),
+        builds=float(np.broadcast_to(holdings.builds, groups).sum()),
+        live=float(np.broadcast_to(holdings.live, groups).sum()),
     )
 
 

@@ -233,12 +233,7 @@ def _with_images(scene: bpy.types.Scene, work: Work, objects: Iterable[bpy.types
     """Return the `work` with the images of the objects that a build of `scene` shows."""
     images = images_of(objects)
     cached = {image for image in images if uses_cache(scene, image)}
-    in_full = images - cached
-    return replace(
-        work,
-        images=image_bytes(in_full) + CACHED * image_bytes(cached),
-        image_count=float(len(in_full)),
-    )
+    return replace(work, images=image_bytes(images - cached) + CACHED * image_bytes(cached))
 
 
 class _Seen(NamedTuple):

@@ -66,6 +66,7 @@ def test_work_is_what_the_depsgraph_shows(levelled, known, planned):
         assert (agents, instanced, unique) == (work.instances[f], work.instanced[f], work.unique[f])
     shown = [item for item in top.all_objects if item.type == "MESH" and shelves.LEVEL not in item]
     assert work.posed == sum(count_triangles(item.data) for item in shown)
+    assert (work.objects, work.builds, work.live) == (len(shown), 1, not known)
     assert work.rigs == sum(item.type == "ARMATURE" for item in top.all_objects)
     whole = found.works[BuildCase(FULL, known)]
     assert (whole.instances == work.instances).all() and (whole.instanced > work.instanced).all()
@@ -74,6 +75,22 @@ def test_work_is_what_the_depsgraph_shows(levelled, known, planned):
         and "By Distance" in found.sentence
         and found.table.costs.keys() == found.works.keys()
     )
+
+
+def test_what_shines_is_told_from_what_does_not(levelled):
+    item = next(item for item in levelled.crowd_lod.characters.all_objects if item.type == "MESH")
+    (shader,) = (
+        node
+        for node in item.material_slots[0].material.node_tree.nodes
+        if node.type == "BSDF_PRINCIPLED"
+    )
+    works = []
+    for strength in (0.0, 1.0):
+        shader.inputs["Emission Color"].default_value = (1, 1, 1, 1)
+        shader.inputs["Emission Strength"].default_value = strength
+        works.append(finished(estimate(levelled, [3])).works[BuildCase(FULL)])
+    dark, bright = works
+    assert dark.emitting.sum() == 0 < bright.emitting.sum() <= bright.unique.sum()
 
 
 def test_the_button_fills_the_table_and_asks_for_lod_meshes(scene):

@@ -82,6 +82,10 @@ def test_work_is_what_one_counts(known):
         triangle=np.array([10, 12.5]),
         split=np.array([0, 0.5]),
         materials=np.array([4, 1]),
+        emitting=np.array([0, 0.25]),
+        parts=np.array([3, 1]),
+        builds=np.array([1, 0]),
+        live=np.array([1, 0]),
     )
     work = work_of(
         Actors(triangles, owner, holdings, np.array([77, 5]), finest, moved_as),
@@ -99,6 +103,8 @@ def test_work_is_what_one_counts(known):
     assert work.rigs == len({moved_as[n] for _, n in held if owner[n] == 0})
     assert work.bones == 20 * work.rigs
     assert (work.keys, work.other_keys, work.materials) == (500, 120, 5)
+    assert (work.builds, work.live) == (1, 1)
+    assert work.objects == sum(3 if owner[n] == 0 else 1 for _, n in held)
     # group 1 has no rigs: each of its poses is a mesh of its own
     copied = sum(triangles[1, k] for k, n in held if owner[n] == 1)
     assert work.meshes == pytest.approx(10_000 + 770 + 12.5 * (5 + copied))
@@ -114,6 +120,7 @@ def test_work_is_what_one_counts(known):
         # LODs have normals of their own, and half of character 1
         parts = [triangles[owner[n], k] * (1 if k else 0.5 * owner[n]) for k, n in set(agents)]
         assert work.split[f] == sum(parts)
+        assert work.emitting[f] == sum(triangles[1, k] / 4 for k, n in set(agents) if owner[n])
 
 
 def test_a_price_is_that_of_the_dearest_frame_and_of_the_mean_one():
@@ -125,13 +132,15 @@ def test_a_price_is_that_of_the_dearest_frame_and_of_the_mean_one():
         bones=40.0,
         images=1e6,
         keys=7000.0,
+        builds=1.0,
+        live=1.0,
     )
     own = price(work, CYCLES)
     memory = [
         MEMORY["CYCLES"]["unique"] * u + MEMORY["CYCLES"]["instances"] * i
         for u, i in ((10, 500), (1000, 1))
     ]
-    always = {"posed": 100, "bones": 40, "images": 1e6, "keys": 7000}
+    always = {"bones": 40, "images": 1e6, "keys": 7000, "builds": 1, "live": 1}
     assert own.memory == pytest.approx(
         max(memory) + sum(MEMORY["CYCLES"][name] * count for name, count in always.items())
     )

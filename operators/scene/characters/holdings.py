@@ -10,6 +10,7 @@ from ....crowd_lod.animation.phase_classes import Cast, Gaits
 from ....crowd_lod.levels.cost_model import Holdings
 from ....crowd_lod.progress import Workload
 from ....crowd_lod.sources.trajectory import Trajectory
+from ...blender.materials import emits, used_nodes
 from ...blender.mesh_data import count_triangles
 from ...blender.named_actions import group_performance
 from ...blender.ownership import OWNED
@@ -73,7 +74,7 @@ class CharacterHoldings:
             if keys:
                 parts = _parts_played(gaits, g, used[first[g] : first[g + 1]], seconds)
                 left[g] = sum(keys[action] * parts[action] for action in keys)
-        return replace(self.groups, keys=left)
+        return replace(self.groups, keys=left, live=0.0 * left)
 
 
 def _parts_played(gaits: Gaits, g: int, used: np.ndarray, seconds: float) -> dict[int, float]:
@@ -120,9 +121,9 @@ def holdings_of(
                 live_keys[g] += live
                 baked_keys[g][action] = baked
         work.did(1)
+    once = np.eye(1, len(groups))[0]  # what groups share counts for the first
     # importers leave actions in the file that nothing plays
-    other_keys = np.zeros(len(groups))
-    other_keys[:1] = sum(_keys_in(action) for action in bpy.data.actions if OWNED not in action)
+    other_keys = sum(_keys_in(action) for action in bpy.data.actions if OWNED not in action)
     meshes_of = [_meshes_of(objects) for _, objects, _ in characters]
     meshes = _first_counted(meshes_of, _bytes_of)
     worn = [_materials_of(objects) for _, objects, _ in characters]
@@ -131,11 +132,15 @@ def holdings_of(
         rigs=rigs * rigged,
         bones=bones * rigged,
         keys=live_keys,
-        other_keys=other_keys,
+        other_keys=other_keys * once,
         meshes=meshes,
         triangle=np.array([_bytes_a_triangle(objects) for _, objects, _ in characters]),
         split=np.array([_split_part(objects) for _, objects, _ in characters]),
         materials=materials,
+        emitting=np.array([_emitting_part(objects) for _, objects, _ in characters]),
+        parts=np.array([sum(item.type == "MESH" for item in own) for _, own, _ in characters]),
+        builds=once,
+        live=once,
     )
     return CharacterHoldings(holdings, cast.moved_as(gaits, lead), baked_keys)
 
@@ -179,6 +184,19 @@ def _split_part(objects: Sequence[bpy.types.Object]) -> float:
     meshes = _meshes_of(objects)
     split = sum(count_triangles(mesh) for mesh in meshes if mesh.has_custom_normals)
     return split / max(sum(map(count_triangles, meshes)), 1)
+
+
+def _emitting_part(objects: Sequence[bpy.types.Object]) -> float:
+    """Return the part of the objects' faces whose material emits light."""
+    emitting = []
+    for item in objects:
+        if item.type == "MESH":
+            slots = np.zeros(len(item.data.polygons), np.intc)
+            item.data.polygons.foreach_get("material_index", slots)
+            materials = [slot.material for slot in item.material_slots]
+            shining = [k for k, each in enumerate(materials) if each and emits(used_nodes(each))]
+            emitting.append(np.isin(slots, shining))
+    return float(np.concatenate([*emitting, [False]]).sum() / max(sum(map(len, emitting)), 1))
 
 
 def _materials_of(objects: Sequence[bpy.types.Object]) -> set[bpy.types.Material]:
