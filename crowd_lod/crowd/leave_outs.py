@@ -34,6 +34,16 @@ NO_MIRRORS = LeftOut(
     "surroundings",
     "No mirrors are chosen: agents outside the picture are not searched for reflections in it.",
 )
+NO_SKY = LeftOut(
+    "surroundings",
+    "No sky lights the picture, for the world is black or the engine is not Cycles: agents beside "
+    "the picture are not kept for that light.",
+)
+SKY_NOT_WANTED = LeftOut(
+    "surroundings",
+    "Sky Light is off: agents beside the picture are not kept for the light that they take from "
+    "it.",
+)
 NOT_WANTED = LeftOut(
     "surroundings",
     "Shadows and Reflections is off: agents that the camera does not see are left out.",

@@ -52,8 +52,8 @@ class Frame(Request, Outcome):
 
     crowd: of the `trajectory` at that time.
     milliseconds: of each stage, in the order of the pipeline.
-    shadow, mirrored: agents that are not visible but cast shadows into the picture, or are seen in
-        mirrors; None if not looked for (frame/shadows.py).
+    shadow, mirrored: agents that are not visible but cast shadows into the picture or take light of
+        the sky from it, or are seen in mirrors; None if not looked for (frame/shadows.py).
     hidden: (n,) bool, agents in the picture that scenery hides, and who are not in `buckets`; None
         if not looked for (frame/hidden.py).
     plan_row: (n,) uint8, what the shot plan has of the agents (frame/planned.py), if the LODs are

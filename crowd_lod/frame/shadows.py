@@ -1,4 +1,4 @@
-"""Agents outside the picture that still matter, by a shadow or in a flat mirror."""
+"""Agents outside the picture that still matter: by a shadow, before the sky, in a flat mirror."""
 
 import time as clock
 from collections.abc import Callable, Sequence
@@ -37,6 +37,10 @@ from .stages import Moment, moments
 # agents tested at a time, which a processor's cache holds with their distances from all planes
 PART = 4096
 
+# Radii of its sphere, from there to what the picture shows, within which an agent takes a visible
+# part of the sky's light: eight heights of a person. Measured in docs/notes/sky_light.md.
+SKY_REACH = 14.0
+
 
 @dataclass(frozen=True)
 class Surroundings:
@@ -48,6 +52,7 @@ class Surroundings:
     occluders: scenery that may hide agents; None hides nobody.
     left_out: what is not looked for, and why.
     glows: for each group whether its agents light the picture, wherever they are; () if none does.
+    sky: whether agents near the picture take light of the sky from it.
     """
 
     lights: tuple[Light, ...] = ()
@@ -56,13 +61,15 @@ class Surroundings:
     occluders: Occluders | None = None
     left_out: tuple[LeftOut, ...] = ()
     glows: tuple[bool, ...] = ()
+    sky: bool = False
 
 
 def surround(frame: Frame, around: Surroundings) -> Frame:
     """Return `frame` without the agents that scenery hides, and with those that still matter.
 
     In `shadow` are those that only cast a shadow into the picture or into what mirrors show of it,
-    or that glow; in `mirrored` those that mirrors show. A pure function of its arguments.
+    that stand before its sky, or that glow; in `mirrored` those that mirrors show. A pure function
+    of its arguments.
     """
     frame, maps = hide(frame, around.occluders)
     begun = clock.perf_counter()
@@ -70,8 +77,13 @@ def surround(frame: Frame, around: Surroundings) -> Frame:
     unseen = frame.culled
     dated_blocks = index_cache.blocks_at(trajectory, frame.time)
     leaves = len(dated_blocks[1].rows) if dated_blocks else 0
-    reflects, shades = (_Sought(unseen.copy(), np.ones(leaves, bool)) for _ in range(2))
-    looked_at = moments(trajectory, frame) if around.lights or around.mirrors else []
+    # what hides an agent takes the sky from there itself
+    beside = unseen if frame.hidden is None else unseen & ~frame.hidden
+    reflects, shades, dims = (
+        _Sought(agents.copy(), np.ones(leaves, bool)) for agents in (unseen, unseen, beside)
+    )
+    is_needed = around.lights or around.mirrors or around.sky
+    looked_at = moments(trajectory, frame) if is_needed else []
     lights = [spread(light) for light in around.lights]
     for number, moment in enumerate(looked_at):
         there = _there(frame, moment, dated_blocks, around.box)
@@ -84,8 +96,10 @@ def surround(frame: Frame, around: Surroundings) -> Frame:
         for volume, film in zip(lit, [*films, *unmapped], strict=True):
             for light in lights:
                 shades.find(there, volume, light, film)
+            if around.sky:
+                dims.find(there.widened(SKY_REACH), volume)
     reflected = unseen & ~reflects.agents
-    shade = unseen & ~shades.agents
+    shade = (unseen & ~shades.agents) | (beside & ~dims.agents)
     if around.glows:
         shade |= unseen & np.array(around.glows)[frame.crowd.group]
     count = len(frame.buckets.counts)
@@ -125,6 +139,12 @@ class _There:
     def floor(self) -> float:
         """The height of the lowest receiver, meters; -inf if not known."""
         return -np.inf if self.receivers is None else float(self.receivers[0, 2])
+
+    def widened(self, radii: float) -> "_There":
+        """Return the crowd with spheres that reach farther by so many of their radii."""
+        farther = radii * self.radius
+        larger = self.larger + float(farther.max())
+        return replace(self, radius=self.radius + farther, larger=larger)
 
     def test(
         self, agents: np.ndarray, touches: Callable[[np.ndarray, np.ndarray], np.ndarray]

@@ -170,8 +170,8 @@ class Survey:
     times: (F,) float64, the same in frames of the animation.
     cuts: (F,) bool; True where another camera films than in the frame before.
     cells: of agents that are not culled.
-    kind: (N,) uint8, one of CULLED, SEEN, SHADOW (casts a shadow into the picture, and is not
-        seen), MIRRORED (a mirror shows it).
+    kind: (N,) uint8, one of CULLED, SEEN, SHADOW (casts a shadow into the picture, or
+        takes light of the sky from it, and is not seen), MIRRORED (a mirror shows it).
     coarsest: (N,) uint8, the coarsest LOD that the policy allows. For SHADOW and MIRRORED the LOD
         that they have. 0 for culled agents.
     scale: (N,) float16, pixels that one meter shows at the agent's nearest part, rounded up; no

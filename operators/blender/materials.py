@@ -201,6 +201,22 @@ def _dark(tree: bpy.types.NodeTree | None) -> bool:
     return bool(strengths) and not any(map(_set, strengths))
 
 
+def lights_scene(world: bpy.types.World | None) -> bool:
+    """Return whether surfaces receive light of the world, in Cycles.
+
+    A world that is animated counts as if it gave light in all frames.
+    """
+    if world is None or not world.cycles_visibility.diffuse:
+        return False
+    tree = used_nodes(world)
+    if world.animation_data or (tree is not None and tree.animation_data):
+        return True
+    if tree is None:
+        return any(world.color)
+    ends = [socket for socket in sockets_of(tree, "OUTPUT_WORLD") if socket.name == "Surface"]
+    return any(map(_shines, reached(ends, _seen_by_all)))
+
+
 def emits(tree: bpy.types.NodeTree | None) -> bool:
     """Return whether a material's nodes emit light that other surfaces receive.
 

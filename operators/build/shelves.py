@@ -145,8 +145,8 @@ KIND = "crowd_lod_kind"  # the kind of its bucket
 class BucketKind(StrEnum):
     """Whom a bucket shows.
 
-    LOD: agents that the camera sees. SHADOW, MIRROR: those of whom it sees only the shadow, only
-    the reflection.
+    LOD: agents that the camera sees. SHADOW, MIRROR: those of whom it sees only the shadow, or what
+    they take of the sky's light, only the reflection.
     """
 
     LOD = "LOD"

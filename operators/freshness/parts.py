@@ -16,6 +16,7 @@ from ..blender.provenance import text_digest
 from ..scene.characters.character_provenance import character_inputs, of_characters
 from ..scene.characters.characters import GROUP, all_characters
 from ..scene.characters.stored_groups import count_of
+from ..scene.lights import has_sky
 from ..scene.machine.scene_world import actions_named
 from ..scene.scene_crowd import SceneCrowd, read_crowd
 from ..scene.shot_overrides import digest_of
@@ -31,18 +32,20 @@ SIMPLIFY = "Simplify"
 LEVELS = "levels"
 LOD_GROUPS = "character groups"
 RANGE = "the frame range"
+SKY = "the light of the sky"
 WORDED = {
     *(RATIOS, "tolerance", MEMORY, BUDGET, "resolution", "engine", "actions", "lens"),
     *(SIMPLIFY, LEVELS, LOD_GROUPS, GROUPS),
 }
 # what live builds follow by themselves
-FOLLOWED = CAMERA, RANGE, "the resolution"
+FOLLOWED = CAMERA, RANGE, SKY, "the resolution"
 # settings of builds that are in no digest of the crowd
 SETTINGS = (
     "forward",
     "margin_kind",
     "margin",
     "shadows",
+    "sky_light",
     "occlusion",
 )
 
@@ -168,6 +171,7 @@ def build_parts(crowd: SceneCrowd) -> dict[str, str]:
         ),
         "the shot plan": content_of(settings),
         CAMERA: camera_motion(scene),
+        SKY: text_digest(has_sky(scene)),
         RANGE: text_digest(scene.frame_start, scene.frame_end, scene.frame_step),
         "the resolution": text_digest(
             render.resolution_x, render.resolution_y, render.resolution_percentage

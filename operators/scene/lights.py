@@ -5,13 +5,20 @@ from collections.abc import Sequence
 import bpy
 import numpy as np
 
-from ...crowd_lod.crowd.leave_outs import NO_MIRRORS, NO_SHADOWS, NOT_WANTED, WORKBENCH
+from ...crowd_lod.crowd.leave_outs import (
+    NO_MIRRORS,
+    NO_SHADOWS,
+    NO_SKY,
+    NOT_WANTED,
+    SKY_NOT_WANTED,
+    WORKBENCH,
+)
 from ...crowd_lod.culling.volumes import Light, Mirror
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.frame.shadows import Surroundings
 from ..blender import evaluation, mesh_data, scene_data
 from ..blender.cameras import camera_at, read_shutter, shutter_times
-from ..blender.materials import casts, emits
+from ..blender.materials import casts, emits, lights_scene
 from ..blender.scenery import SOLID, Placed, Scenery, matrix_of, scenery_of
 from .characters.characters import glowing
 from .scene_occluders import needs_shadows, occluders_of
@@ -65,7 +72,9 @@ def read_surroundings(
         lights, mirrors = _read_lights(lamps, panes, depsgraph, engine)
         lights += scenery.instanced
         box = None if _foggy(scene.world) else scenery.box(depsgraph)
+    sky = has_sky(scene)
     left_out = (NO_SHADOWS,) * (not lights) + (NO_MIRRORS,) * (not mirrors)
+    left_out += (NO_SKY,) * (not sky) or (SKY_NOT_WANTED,) * (not settings.sky_light)
     glows = glowing(scene) if engine == "CYCLES" else {}
     return Surroundings(
         tuple(lights),
@@ -74,7 +83,21 @@ def read_surroundings(
         occluders,
         (*left_out, *refused),
         tuple(group.name in glows for group in settings.groups) if glows else (),
+        sky and settings.sky_light,
     )
+
+
+def has_sky(scene: bpy.types.Scene) -> bool:
+    """Return whether a sky lights what renders of `scene` show, in any frame.
+
+    Other engines than Cycles know no light that agents outside the picture take from it.
+    """
+    worlds = {
+        layer.world_override or scene.world
+        for layer in scene.view_layers
+        if layer.use and layer.use_sky
+    }
+    return scene.render.engine == "CYCLES" and any(map(lights_scene, worlds))
 
 
 def read_moment(scene: bpy.types.Scene, time: float, at: evaluation.At) -> SceneMoment:

@@ -384,6 +384,12 @@ class CameraSettings:
         description="Keep characters outside the picture whose shadows fall into it, or that "
         "mirrors show; the camera itself does not see them",
     )
+    sky_light: BoolProperty(
+        name="Sky Light",
+        default=True,
+        description="In Cycles, keep characters near the picture that take light of the sky from "
+        "what it shows",
+    )
     mirrors: PointerProperty(
         type=bpy.types.Collection,
         name="Mirrors",

@@ -236,7 +236,9 @@ class CROWDLOD_PT_camera(StepPanel, bpy.types.Panel):
     def body(self, context, layout, settings) -> None:
         layout.prop(context.scene, "camera", text="Active Camera", translate=False)
         wide(layout, settings, "shadows")
-        active_column(layout, settings.shadows).prop(settings, "mirrors")
+        column = active_column(layout, settings.shadows)
+        wide(column, settings, "sky_light")
+        column.prop(settings, "mirrors")
 
 
 class CROWDLOD_PT_culling(StepPanel, bpy.types.Panel):

@@ -123,7 +123,7 @@ def test_objects_that_glow_and_lamps_in_instanced_collections_are_lights(lit):
 
 def test_what_is_not_looked_at_is_named_with_its_reason(lit):
     lamp(lit, "SUN")
-    assert read(lit).left_out == (leave_outs.NO_MIRRORS,)
+    assert read(lit).left_out == (leave_outs.NO_MIRRORS, leave_outs.NO_SKY)
     lit.crowd_lod.shadows = False
     assert (read(lit).left_out, read(lit).lights) == ((leave_outs.NOT_WANTED,), ())
     lit.crowd_lod.shadows = True

@@ -34,6 +34,12 @@ def bend(scene):
     mesh.data.vertices[0].co.z += 0.1
 
 
+def shine(scene):
+    """Render in Cycles, under a gray world."""
+    scene.render.engine = "CYCLES"
+    scene.world = bpy.data.worlds.new("World")
+
+
 CHANGES = {
     "the crowd": lambda scene: setattr(scene.crowd_lod, "seed", scene.crowd_lod.seed + 1),
     "the map": paint,
@@ -50,6 +56,7 @@ OF_A_BAKE = {
         bpy.data.objects.new("Sun", bpy.data.lights.new("Sun", "SUN"))
     ),
     "the resolution": lambda scene: setattr(scene.render, "resolution_x", 200),
+    "the light of the sky": shine,
 }
 
 

@@ -95,7 +95,7 @@ def test_any_shot_is_that_of_testing_every_agent(shot):
 
 
 def random_surroundings(random, camera):
-    """Suns, lamps, spots, mirrors, and a ground, near the crowd and far off."""
+    """Suns, lamps, spots, a sky, mirrors, and a ground, near the crowd and far off."""
     lights = []
     mirrors = []
     for _ in range(random.integers(1, 4)):
@@ -120,7 +120,8 @@ def random_surroundings(random, camera):
             )
         )
     box = np.array([(-60, -60, -1), (60, 160, 0.0)]) if random.random() < 0.7 else None
-    return Surroundings(tuple(random.permutation(lights)), tuple(mirrors), box)
+    kept = random.permutation(lights)[: random.integers(0, len(lights) + 1)]
+    return Surroundings(tuple(kept), tuple(mirrors), box, sky=random.random() < 0.5)
 
 
 @pytest.mark.once

@@ -82,6 +82,13 @@ def test_a_hidden_agent_whose_shadow_may_be_seen_is_kept(crowd, light):
     assert not hidden_from(light, points, random, centers_of(frame, gone), 0.9).any()
 
 
+def test_a_hidden_agent_does_not_stay_for_the_sky_and_one_beside_the_picture_does(crowd):
+    camera = looking((0, -15, 1.7), np.pi / 2 - 0.3, -0.1)
+    frame, _ = planned(crowd, camera, sky=True)
+    assert frame.hidden.sum() > 50
+    assert not frame.hidden[frame.shadow.order].any() and len(frame.shadow.order) > 20
+
+
 def test_a_hidden_agent_in_a_mirror_is_kept(crowd):
     corners = np.array([(-40.0, 85, 0), (40, 85, 0), (40, 85, 40), (-40, 85, 40)])
     mirror = Mirror(np.array([0, 1.0, 0]), corners)

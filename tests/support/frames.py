@@ -7,9 +7,10 @@ from crowd_lod_extension.crowd_lod.world.maps import Area, edge_map
 
 from .crowds import walker
 
+GROUPS = walker(), walker(sizes=(500, 50, 5))
 
-def shot():
+
+def shot(groups=GROUPS):
     machine = load_preset("chapter")
     world = edge_map(Area(-40, 0, 40, 100), machine.labels)
-    groups = (walker(), walker(sizes=(500, 50, 5)))
     return Walk(populate(3000, 2, 2, machine, world), machine, world, groups, 1 / 24)
