@@ -169,7 +169,7 @@ class Proof:
         """
         scene = self.scene
         culling, colors = _filmings(scene, self.proved, self.size)
-        wanted = {"a": {culling, colors}, "b": {culling}, "c": {colors}}
+        wanted = {"a": tuple({culling: 0, colors: 0}), "b": (culling,), "c": (colors,)}
         work = Workload(sum(map(len, wanted.values())) + 2)
         pictures = {}
         ids = {}
