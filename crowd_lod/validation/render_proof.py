@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..format import counted, number
+from .sky_light import MOST_SHARE
 
 # Part of a value above 1, or of 1, by which renderers may round it: of two renders whose meshes
 # have other instances, single pixels were off by 3.8e-6.
@@ -205,17 +206,23 @@ def _of_shades(result: dict) -> list[str]:
 def _of_culling(rows: Sequence[dict]) -> list[str]:
     """Return in phrases how many pixels the culling changes, and how many points are no agents."""
     differ = sum(row["culling_pixels"] for row in rows)
-    wrong = [row for row in rows if not row["culling_ok"]]
+    wrong = [row for row in rows if row["culling_pixels"] and not row["culling_ok"]]
+    dim = [row for row in rows if (row["sky_share"] or 0.0) > MOST_SHARE]
     strangers = sum(row["strangers"] for row in rows)
     phrases = []
     if not differ:
-        phrases.append("culling changes no pixel")
+        phrases.append(f"culling changes no pixel{' by lamps' if dim else ''}")
     elif wrong:
         where = _few([str(row["frame"]) for row in wrong], len(wrong))
         frames = "frame" if len(wrong) == 1 else "frames"
         phrases.append(f"culling changes {counted(differ, 'pixel')} in {frames} {where}")
     else:
         phrases.append(f"culling changes {counted(differ, 'pixel')} by rounding alone")
+    if dim:
+        worst = max(dim, key=lambda row: row["sky_share"])
+        phrases.append(
+            f"culling changes the sky's light in {worst['sky_share']:.1%} of frame {worst['frame']}"
+        )
     if strangers:
         phrases.append(
             f"{counted(strangers, 'point is no agent', 'points are no agents')} of this crowd"

@@ -9,7 +9,7 @@ from crowd_lod_extension.crowd_lod.validation.render_proof import (
     worst_frame,
 )
 
-ROW = {"frame": 3, "culling_ok": True, "lod_ok": True, "culling_pixels": 0, "strangers": 0, "by_outline": 20, "by_presence": 0,
+ROW = {"frame": 3, "culling_ok": True, "lod_ok": True, "culling_pixels": 0, "sky_share": None, "strangers": 0, "by_outline": 20, "by_presence": 0,
        "not_judged": 0, "missing": 0, "extra": 0, "off": 0, "error_px": 0.86, "allowed_px": 1.0, "apart": 0, "apart_px": None,
        "give_or_take_px": 0.71, "color_off": 0.066, "patches": 0}  # fmt: skip
 AGENT = {"frame": 3, "agent": 7, "lod": 2, "by": "outline", "error_px": 0.86, "allowed_px": 1.0, "apart": "", "missing": False,
@@ -99,6 +99,11 @@ def test_what_passed_says_how_many_and_how_well():
             {"culling_pixels": 34, "culling_ok": False, "strangers": 1},
             {},
             "Failed: culling changes 34 pixels in frame 3; 1 point is no agent of this crowd.",
+        ),
+        (
+            {"sky_share": 0.023, "culling_ok": False},
+            {},
+            "Failed: culling changes no pixel by lamps; culling changes the sky's light in 2.3% of frame 3.",
         ),
         (
             {},

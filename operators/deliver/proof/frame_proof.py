@@ -18,6 +18,7 @@ from ....crowd_lod.validation.allowances import Allowances, allowances
 from ....crowd_lod.validation.id_pictures import NOBODY
 from ....crowd_lod.validation.lod_proof import Pictures, judge_lods
 from ....crowd_lod.validation.render_proof import difference_of
+from ....crowd_lod.validation.sky_light import MOST_SHARE, changed_share
 from ...blender import evaluation, mesh_data, scene_data
 from ...build import bake, frame_update, render_setup
 from ...build.shelves import Bucket, BucketKind, points_of
@@ -34,7 +35,10 @@ from .verify_stage import Filming, Verify, add_twins, dark_world, filmed
 
 # What a frame costs: walking there, the pictures, comparing them.
 WALK, PICTURES, JUDGING = 1, 8, 2
-CULLING = 320  # pixels across pictures by which culling is proved
+# pixels across pictures by which culling is proved, by lamps and under the sky; samples of the latter
+CULLING = 320
+SKY = 192
+SKY_SAMPLES = 16
 FULL = Bucket(BucketKind.LOD, 0)  # of the build at full detail
 FINER = 2  # samples of ids across a pixel, and across half a tolerance
 FINEST = 4
@@ -45,10 +49,12 @@ class _Shots:
     """What a frame's renders show.
 
     culling: linear pictures (rows, columns, 4) float32 of everyone, and of who is left.
+    sky: the same under a sky; None where none lights the scene.
     lods: of full detail, and as built.
     """
 
     culling: tuple[np.ndarray, np.ndarray]
+    sky: tuple[np.ndarray, np.ndarray] | None
     lods: Pictures
 
 
@@ -60,6 +66,7 @@ class Proof:
     at: steps the scene.
     size: of the whole pictures.
     proved: the build that is proved.
+    sky: whether agents are kept for the light of the sky.
     full: the build of everyone at full detail, once it is made; that which is proved, if it is made
         for the proof.
     """
@@ -70,6 +77,7 @@ class Proof:
     at: evaluation.At
     size: tuple[int, int]
     proved: ProvedBuild
+    sky: bool
     full: bpy.types.Collection | None = None
 
     @property
@@ -150,7 +158,9 @@ class Proof:
         found = yield from work.take(judging, JUDGING)
         row |= found["row"]
         rounded = row["culling_largest"] <= DISPLACED and bool(displaced_materials(scene))
-        row["culling_ok"] = not strangers and (row["culling_pixels"] == 0 or rounded)
+        changes = row["culling_pixels"] > 0 and not rounded
+        dims = row["sky_share"] is not None and row["sky_share"] > MOST_SHARE
+        row["culling_ok"] = not (strangers or changes or dims)
         row["older_than"] = ", ".join(self.proved.older_than(number, moment))
         account = {
             "row": row,
@@ -168,8 +178,10 @@ class Proof:
         count: of the crowd's agents.
         """
         scene = self.scene
-        culling, colors = _filmings(scene, self.proved, self.size)
-        wanted = {"a": tuple({culling: 0, colors: 0}), "b": (culling,), "c": (colors,)}
+        filmings = self._filmings()
+        culling, sky, colors = filmings
+        wanted = {"a": filmings, "b": (culling, sky), "c": (colors,)}
+        wanted = {name: dict.fromkeys(filter(None, ways)) for name, ways in wanted.items()}
         work = Workload(sum(map(len, wanted.values())) + 2)
         pictures = {}
         ids = {}
@@ -191,13 +203,38 @@ class Proof:
                 yield work.did(1)
         seen = list(zip(*(ids[name] for name in "ac"), strict=True))
         lods = Pictures(seen, (pictures["a", colors], pictures["c", colors]), finer)
-        return _Shots((pictures["a", culling], pictures["b", culling]), lods)
+        lamps, skies = (
+            filming and (pictures["a", filming], pictures["b", filming])
+            for filming in (culling, sky)
+        )
+        return _Shots(lamps, skies, lods)
+
+    def _filmings(self) -> tuple[Filming, Filming | None, Filming]:
+        """Return how the pictures are rendered that prove culling, the sky's light, and colors.
+
+        Culling is proved by lamps alone. A live build shows no way of its agents while the shutter
+        is open.
+        """
+        scene = self.scene
+        world = scene.world
+        coarse, dim = (_narrowed(self.size, width) for width in (CULLING, SKY))
+        mirrors = scene.crowd_lod.mirrors is not None
+        samples = self.task.samples
+        return (
+            Filming(coarse, dark_world(world), samples),
+            Filming(dim, world, SKY_SAMPLES) if self.sky else None,
+            Filming(self.size, world, samples, mirrors, self.proved.kind != LIVE),
+        )
 
     def _judge_culling(self, number: int, shots: _Shots) -> Generator[float, None, dict[str, Any]]:
         """Compare everyone with who is left by culling; yields the progress, returns columns."""
         difference = yield from run_in_thread(partial(difference_of, *shots.culling))
         yield from self._show_difference(number, "a_b", shots.culling)
-        return {f"culling_{name}": value for name, value in vars(difference).items()}
+        columns = {f"culling_{name}": value for name, value in vars(difference).items()}
+        if shots.sky is None:
+            return columns | {"sky_share": None}
+        changing = partial(changed_share, *(picture[..., :3] for picture in shots.sky))
+        return columns | {"sky_share": (yield from run_in_thread(changing))}
 
     def _judge_lods(
         self, number: int, pictures: Pictures, allowed: Allowances, group: np.ndarray
@@ -238,21 +275,10 @@ def everyone_there(planned: Frame) -> np.ndarray:
     return np.flatnonzero(there)
 
 
-def _filmings(
-    scene: bpy.types.Scene, proved: ProvedBuild, size: tuple[int, int]
-) -> tuple[Filming, Filming]:
-    """Return how the pictures are rendered by which culling is proved, and those of colors.
-
-    Culling is proved by lamps alone. A live build shows no way of its agents while the shutter is
-    open.
-
-    size: of the pictures of colors, pixels.
-    """
-    wide = min(size[0], CULLING)
-    coarse = wide, max(1, round(wide * size[1] / size[0]))
-    culling = Filming(coarse, dark_world(scene.world))
-    mirrors = scene.crowd_lod.mirrors is not None
-    return culling, Filming(size, scene.world, mirrors, proved.kind != LIVE)
+def _narrowed(size: tuple[int, int], width: int) -> tuple[int, int]:
+    """Return the size of a picture that is at most so wide, pixels."""
+    wide = min(size[0], width)
+    return wide, max(1, round(wide * size[1] / size[0]))
 
 
 def _finer(tolerance: float | None) -> int:

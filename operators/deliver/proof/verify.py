@@ -29,6 +29,7 @@ from ...lods.make_lods import make_levels
 from ...scene.characters.characters import glowing
 from ...scene.characters.group_measuring import measuring_groups
 from ...scene.characters.stored_groups import groups_of, store_groups
+from ...scene.lights import has_sky
 from ...scene.scene_crowd import SceneCrowd, characters_of, read_crowd
 from ...scene.shot_reference import frame_of, moment_now
 from ...scene.sources.record_points import on_record
@@ -83,11 +84,12 @@ def verify(
         proved = yield from work.take(build_of(scene, frames_proved))
         left_out += unlike_renders(scene, proved)
         size = task.size(scene)
+        sky = has_sky(scene) and scene.crowd_lod.sky_light
         _set_up(scene, task, proved, opened)
         crowd = yield from work.take(unsure(_prepare_crowd(scene)), making)
         sharing.save(folder)
         with evaluation.step_frames(scene) as at:
-            run = Proof(crowd, task, folder, at, size, proved)
+            run = Proof(crowd, task, folder, at, size, proved, sky)
             frames = yield from work.take(_prove_frames(run, sharing), proving)
         if sharing.part is not None:
             return {"frames": [frame["row"] for frame in frames], "ok": True}

@@ -4,6 +4,7 @@ import bpy
 
 from ....crowd_lod.output import tables
 from ...blender import cameras, evaluation
+from ...scene.lights import has_sky
 from .verify_build import BAKE, LIVE, ProvedBuild
 from .verify_stage import LONGEST_SHUTTER, PAIRS, Verify
 
@@ -51,6 +52,8 @@ def what_is_not_proved(scene: bpy.types.Scene, task: Verify) -> list[str]:
     phrases = ["other frames", "light that bounces"]
     if task.size(scene) != size:
         phrases.append(f"colors in pictures of {size[0]} x {size[1]} pixels")
+    if has_sky(scene) and not scene.crowd_lod.sky_light:
+        phrases.append("light of the sky that agents outside the picture take: Sky Light is off")
     if scene.camera.data.type == "PANO":
         phrases.append("outlines in panoramas")
     if render.use_motion_blur:

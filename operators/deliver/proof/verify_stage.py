@@ -22,7 +22,7 @@ WIDEST = 960  # pixels of pictures, if no width is wanted
 LONGEST_SHUTTER = 0.99 * bake.LONGEST  # frames
 LIGHT = (
     *(f"{kind}_bounces" for kind in ("max", "glossy", "diffuse", "transmission", "volume")),
-    *("world", "use_motion_blur"),
+    *("world", "samples", "use_motion_blur"),
 )
 RAYS = ("camera", "diffuse", "glossy", "transmission", "shadow")
 
@@ -80,7 +80,6 @@ def set_up_cycles(scene: bpy.types.Scene, task: Verify) -> None:
     render.engine = "CYCLES"
     cycles.device = "CPU"
     render.use_stamp = render.use_persistent_data = False
-    cycles.samples = task.samples
     cycles.seed = 0
     cycles.use_animated_seed = False
     cycles.use_adaptive_sampling = cycles.use_denoising = cycles.use_light_tree = (
@@ -113,12 +112,14 @@ class Filming:
 
     size: (width, height) pixels.
     world: the sky; dark_world's lights nothing.
+    samples: a pixel.
     mirrors: whether what mirrors show is seen.
     blurs: whether the shutter is open.
     """
 
     size: tuple[int, int]
     world: bpy.types.World | None
+    samples: int
     mirrors: bool = False
     blurs: bool = True
 
@@ -133,6 +134,7 @@ def filmed(stage: bpy.types.Scene, filming: Filming) -> Iterator[None]:
     with small(stage, filming.size), restore_settings(stage, stage.render, cycles, only=LIGHT):
         cycles.max_bounces = cycles.glossy_bounces = int(filming.mirrors)
         cycles.diffuse_bounces = cycles.transmission_bounces = cycles.volume_bounces = 0
+        cycles.samples = filming.samples
         stage.world = filming.world
         stage.render.use_motion_blur &= filming.blurs
         yield
