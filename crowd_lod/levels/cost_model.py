@@ -139,6 +139,11 @@ DEVELOPERS = {
 }
 
 
+# by engine: how many times the memory and the time that is foretold were measured, from least to most
+# (docs/notes/costs.md)
+SEEN = {"CYCLES": ((0.7, 1.5), (0.9, 1.4))}
+
+
 @dataclass(frozen=True)
 class Costs:
     """The seconds that an engine takes for one of each count of Work, on one machine.

@@ -18,6 +18,7 @@ from ...crowd_lod.frame.index_cache import approach
 from ...crowd_lod.levels.assignment import LevelPolicy, deviations
 from ...crowd_lod.levels.cost_model import (
     NAMES,
+    SEEN,
     Actors,
     Costs,
     Price,
@@ -119,8 +120,16 @@ class CostEstimate:
         )
         return (
             f"The crowd in {NAMES[self.costs.engine]}, {shot_frames(self.frames)}: {costs}. "
-            f"Time is by costs of {self.costs.basis}.{self._gain}"
+            f"Time is by costs of {self.costs.basis}.{self._seen}{self._gain}"
         )
+
+    @property
+    def _seen(self) -> str:
+        """A sentence on how near such estimates were, or ""."""
+        if self.costs.engine not in SEEN:
+            return ""
+        memory, time = (f"{low:g} to {high:g}" for low, high in SEEN[self.costs.engine])
+        return f" Renders were measured to take {memory} times such memory, {time} times such time."
 
     @property
     def _gain(self) -> str:

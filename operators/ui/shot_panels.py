@@ -4,7 +4,7 @@ import bpy
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import byte_size, counted
-from ...crowd_lod.levels.cost_model import NAMES
+from ...crowd_lod.levels.cost_model import NAMES, SEEN
 from ...crowd_lod.shot.budget import budget_sentence, fitting_point
 from ..blender import scene_data
 from ..build.character_images import IMAGE_BYTES, can_use_cache
@@ -221,6 +221,9 @@ class CROWDLOD_PT_cost(StepPanel, bpy.types.Panel):
             # what is baked is the case above it
             name = "Baked" if case.is_baked else case.title
             self.row(column, name, byte_size(cost.memory), f"{cost.time:.0%}")
+        if table.engine in SEEN:
+            ranges = ["{:g} to {:g} x".format(*seen) for seen in SEEN[table.engine]]
+            self.row(column, "Measured", *ranges)
 
     def row(self, layout, name: str, memory: str, time: str) -> None:
         """Draw a row of the table."""
