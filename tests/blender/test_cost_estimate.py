@@ -73,6 +73,7 @@ def test_work_is_what_the_depsgraph_shows(levelled, known, planned):
     assert (
         found.prices[BuildCase(FULL, known)].memory > 0
         and "By Distance" in found.sentence
+        and ("times such memory" in found.sentence) == (found.costs.engine == "CYCLES")
         and found.table.costs.keys() == found.works.keys()
     )
 

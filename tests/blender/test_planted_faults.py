@@ -37,7 +37,6 @@ def _bake(scene):
     settings.choice = "BY_TOLERANCE"
     settings.tolerance = 1.0
     scene.frame_end = 2
-    settings.sky_light = False  # it would keep whom a late lamp needs
     assert bpy.ops.crowd_lod.bake() == {"FINISHED"}
 
 
@@ -162,6 +161,11 @@ def shadows_of_those_outside(scene):
     edit_points(scene, lambda bucket, columns: columns["id"] < 0, BucketKind.SHADOW)
 
 
+def those_before_the_sky_deleted(scene):
+    scene.objects["Sun"].hide_render = True
+    shadows_of_those_outside(scene)
+
+
 def all_far_deleted(scene):
     edit_points(scene, lambda bucket, columns: columns["position"][:, 1] < 5)
 
@@ -179,6 +183,7 @@ FAULTS = {
     one_deleted_throughout: r"1 agent is missing in frame 1: \d+;",
     late_lamp: r"the bake is older than the lights: bake again; ",
     shadows_of_those_outside: r"culling changes \d+ pixels in frame 1",
+    those_before_the_sky_deleted: r"culling changes the sky's light in \d+\.\d% of frame 1",
     all_far_deleted: r"\d+ agents are missing in frame 1: ",
 }
 
@@ -198,6 +203,7 @@ def test_what_is_as_it_was_made_passes(baked, tmp_path, capfd):
     (row,) = result["frames"]
     assert code == 0 and "Passed: " in capfd.readouterr().out
     assert row["by_outline"] > 30 and row["by_presence"] > 5 and row["color_off"] < 0.1
+    assert row["shadow"] > 20 and row["sky_share"] < 0.001
 
 
 def test_a_fault_in_a_frame_that_is_not_looked_at_is_not_found_and_so_said(baked, tmp_path, capfd):
