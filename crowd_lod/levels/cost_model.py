@@ -139,8 +139,8 @@ DEVELOPERS = {
 }
 
 
-# by engine: how many times the memory and the time that is foretold were measured, from least to most
-# (docs/notes/costs.md)
+# by engine: how many times the memory and the time that is foretold were measured, at least and at
+# most (docs/notes/costs.md)
 SEEN = {"CYCLES": ((0.7, 1.5), (0.9, 1.4))}
 
 

@@ -14,9 +14,10 @@ COLUMNS = (
     "For shadows",
     "For mirrors",
     "Pixels that culling changes",
+    "Under a sky, %",
     "By outline",
     "By presence",
-    "Too small",
+    "Not judged",
     "Missing or too much",
     "Off by too much",
     "Largest error, px",
@@ -128,7 +129,9 @@ def _cells(row: dict) -> list[str]:
     counts = "frame", "agents", "visible", "shadow", "mirrored", "culling_pixels"
     ways = "by_outline", "by_presence", "not_judged"
     return [
-        *(f"{row[key]:,}" for key in (*counts, *ways)),
+        *(f"{row[key]:,}" for key in counts),
+        number(None if row["sky_share"] is None else 100 * row["sky_share"]),
+        *(f"{row[key]:,}" for key in ways),
         f"{row['missing'] + row['extra']:,}",
         f"{row['off']:,}",
         *(number(row[key]) for key in ("error_px", "allowed_px", "color_off")),

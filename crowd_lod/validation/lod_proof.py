@@ -165,10 +165,11 @@ def _judge_shades(
 ) -> list[dict[str, Any]]:
     """Return the figures of LODs whose agents are together darker or brighter than at full detail.
 
-    Of all pixels that show the same agent in both pictures, linear.
+    Of all pixels that show the same agent in both pictures, linear; who stands apart is left out.
     """
     seen, other_seen = (_at_pixels(pictures, k) for k in (0, 1))
-    same = (seen == other_seen) & (seen != NOBODY)
+    bound = np.append(allowed.apart == "", False)  # NOBODY is the last
+    same = (seen == other_seen) & bound[seen]
     agents = seen[same]
     count = int(allowed.level.max(initial=0)) + 1
     kind = group[agents].astype(np.intp) * count + allowed.level[agents]

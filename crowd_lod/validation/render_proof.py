@@ -78,7 +78,7 @@ def verdict(result: dict) -> str:
         for how, count in (
             ("by outline", sum(row["by_outline"] for row in rows)),
             ("by presence", sum(row["by_presence"] for row in rows)),
-            ("too small to judge", sum(row["not_judged"] for row in rows)),
+            ("not judged", sum(row["not_judged"] for row in rows)),
         )
         if count
     ]

@@ -54,7 +54,7 @@ def bake(
         when the shutter opens and closes.
     strict: a frame without the LODs of the scene's shot plan is an error.
 
-    Yields the progress and returns the BuiltCharacters. Closed early, it leaves the scene as it was.
+    Yields the progress, returns the BuiltCharacters. Closed early, it leaves the scene as it was.
 
     CrowdError if the shutter is open for a frame (LONGEST) or longer.
     """

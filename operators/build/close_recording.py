@@ -162,7 +162,7 @@ def _kinks(actors: dict, performance: Performance) -> np.ndarray:
 
 
 def _reach(motion: Bones, actors: dict, places: dict) -> np.ndarray:
-    """Return what MotionRecording.reach does of an armature; a bone's head where it deforms nothing.
+    """Return what MotionRecording.reach does of an armature: of bones that deform nothing, heads.
 
     places: of `record`.
     """

@@ -90,7 +90,7 @@ def make_characters(
     group_models: the result of read_models, whose blocks then belong to the BuiltCharacters.
     of_plan: what meshes_of_plan returns; without a selection, no other meshes are made.
 
-    Yields the progress, 0 to 1, and returns the BuiltCharacters. Closed early, it leaves nothing behind.
+    Yields the progress, 0 to 1, and returns the BuiltCharacters. Closed early, it leaves nothing.
     """
     work = Workload(1 if group_models else 2)
     if group_models is None:

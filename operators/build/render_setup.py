@@ -96,7 +96,7 @@ def build(
 
     selection: the characters to make; None makes all.
 
-    Yields the progress and returns the BuiltCharacters. Closed early, it leaves the scene as it was.
+    Yields the progress, returns the BuiltCharacters. Closed early, it leaves the scene as it was.
     """
     scene = crowd.scene
     check_scene(crowd)
@@ -126,7 +126,7 @@ def check_scene(crowd: SceneCrowd) -> None:
 
 
 def _built_before(scene: bpy.types.Scene, inputs: dict[str, str]) -> BuiltCharacters | None:
-    """Return the BuiltCharacters of the scene's build, without characters, or None if it is out of date.
+    """Return the BuiltCharacters of the scene's build, without characters; None if out of date.
 
     inputs: see _inputs_of_characters.
     Posed meshes are always made anew.

@@ -1,4 +1,4 @@
-"""What an output still needs, with the step to press, and how large files are that were handed over."""
+"""What an output still needs, with the step to press, and how large handed over files are."""
 
 import os
 from contextlib import suppress

@@ -1,4 +1,4 @@
-"""Objects of a LOD: made from a character's, with what moves and colors them, or given by artists."""
+"""Objects of a LOD: made of a character's, with what moves and colors them, or given by artists."""
 
 import time as clock
 from collections.abc import Generator, Sequence

@@ -1,4 +1,4 @@
-"""The poses of a character's actions at which its LODs are measured, and how points move in them."""
+"""The poses of a character's actions in which LODs are measured, and how points move in them."""
 
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from functools import partial

@@ -1,4 +1,4 @@
-"""Where agents stand in the scene, above its ground and within its walls, and what is in their way."""
+"""Where agents stand, above the scene's ground and within its walls, and what is in their way."""
 
 from collections.abc import Collection, Container, Iterator
 from dataclasses import dataclass

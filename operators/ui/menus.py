@@ -1,4 +1,4 @@
-"""Our entries in Blender's menus, where F3 finds them, and the operator that makes a sample scene."""
+"""Our entries in Blender's menus, where F3 finds them, and the operator of sample scenes."""
 
 import bpy
 

@@ -1,4 +1,4 @@
-"""The cameras that a viewport plans with: its own view, and the scene's while its shutter is open."""
+"""The cameras that a viewport plans with: its view, and the scene's while its shutter is open."""
 
 import time as clock
 from dataclasses import fields

@@ -41,9 +41,9 @@ def test_what_passed_says_how_many_and_how_well():
     more = {"by_presence": 1000, "not_judged": 3, "error_px": 0.2, "color_off": 0.01}
     apart = {"apart": 1, "apart_px": 4.25}
     assert verdict(proof({}, more | apart, build={"kind": "bake"})) == (
-        "Passed: 1,040 agents of the bake in 2 frames (40 by outline, 1,000 by presence, 3 too "
-        "small to judge), largest error 0.9 px of 1.0, give or take 0.7; 1 agent pinned, blurred or "
-        "fading by up to 4.2 px; colors within 0.07; culling changes no pixel."
+        "Passed: 1,040 agents of the bake in 2 frames (40 by outline, 1,000 by presence, 3 not "
+        "judged), largest error 0.9 px of 1.0, give or take 0.7; 1 agent pinned, blurred or fading "
+        "by up to 4.2 px; colors within 0.07; culling changes no pixel."
     )
     assert to_text(proof()).splitlines()[1:] == [
         "Not proved: other frames; denoising. One eye was looked at."

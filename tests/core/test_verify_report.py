@@ -7,7 +7,7 @@ from ..support.pages import Reader
 
 EVIL = '<script>alert("x")</script>&'
 ROW = {"frame": 3, "agents": 4096, "visible": 1000, "shadow": 12, "mirrored": 0, "culling_ok": True, "lod_ok": True,
-       "culling_pixels": 0, "strangers": 0, "by_outline": 20, "by_presence": 900, "not_judged": 80, "missing": 0, "extra": 0,
+       "culling_pixels": 0, "sky_share": 0.0005, "strangers": 0, "by_outline": 20, "by_presence": 900, "not_judged": 80, "missing": 0, "extra": 0,
        "off": 0, "error_px": 0.5, "allowed_px": 1.0, "apart": 0, "apart_px": None, "give_or_take_px": 0.7, "color_off": 0.05, "patches": 0}  # fmt: skip
 AGENT = {"frame": 3, "agent": 7, "lod": 2, "by": "outline", "error_px": 0.35, "predicted_px": None, "allowed_px": 1.04,
          "apart": "pinned", "missing": False, "extra": False, "ok": None}  # fmt: skip
@@ -24,8 +24,27 @@ def test_the_verdict_leads_and_every_frame_has_its_row_and_its_places():
         text for text in read.texts if "plaza" in text or text == verdict(result)
     )
     assert title == heading == "plaza: proof by renders" and said == verdict(result)
-    first = ("3", "4,096", "1,000", "12", "0", "0", "20", "900", "80", "0", "0", "0.5", "1", "0.05")
-    second = (*("7", "4,096", "1,000", "12", "0", "1,234", "20", "900", "80", "3"), *first[-4:])
+    first = (
+        "3",
+        "4,096",
+        "1,000",
+        "12",
+        "0",
+        "0",
+        "0.05",
+        "20",
+        "900",
+        "80",
+        "0",
+        "0",
+        "0.5",
+        "1",
+        "0.05",
+    )
+    second = (
+        *("7", "4,096", "1,000", "12", "0", "1,234", "0.05", "20", "900", "80", "3"),
+        *first[-4:],
+    )
     rows = [*COLUMNS, *first, "yes", *second, "no: culling"]
     assert read.cells[: len(rows)] == rows
     assert {"One eye.", "other frames", "denoising"} <= set(read.texts)

@@ -35,7 +35,7 @@ from .verify_stage import Filming, Verify, add_twins, dark_world, filmed
 
 # What a frame costs: walking there, the pictures, comparing them.
 WALK, PICTURES, JUDGING = 1, 8, 2
-# pixels across pictures by which culling is proved, by lamps and under the sky; samples of the latter
+# pixels across the pictures by which culling is proved: by lamps, and under a sky, with samples
 CULLING = 320
 SKY = 192
 SKY_SAMPLES = 16

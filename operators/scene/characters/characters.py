@@ -207,7 +207,7 @@ def notes_on_unsaved(characters: Characters) -> Iterator[Message]:
 
 
 def check_measured(members: Sequence[tuple], groups: Sequence[Group]) -> None:
-    """Raise CrowdError if `members`, the scene's characters, are others than the measured groups."""
+    """Raise CrowdError if `members`, the scene's characters, are not the measured groups."""
     if [each[0] for each in members] != [group.name for group in groups]:
         raise CrowdError(
             "The character groups, their props or slots have changed: press Populate, then Make "

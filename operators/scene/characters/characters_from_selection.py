@@ -1,4 +1,4 @@
-"""Characters from Selection: the characters' collection and its groups, made of what is selected."""
+"""Characters from Selection: the characters' collection and its groups, of what is selected."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
