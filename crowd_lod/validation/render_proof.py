@@ -82,7 +82,8 @@ def verdict(result: dict) -> str:
         )
         if count
     ]
-    how = f" ({', '.join(ways)})" if len(ways) > 1 else ""
+    unjudged = any(row["not_judged"] for row in rows)
+    how = f" ({', '.join(ways)})" if len(ways) > 1 or unjudged else ""
     phrases = [*_largest_error(rows), f"colors within {_largest_color(rows):.2f}"]
     return f"Passed: {subject}{how}, {'; '.join([*phrases, *_of_culling(rows)])}."
 

@@ -50,6 +50,8 @@ def test_what_passed_says_how_many_and_how_well():
     ]
     nobody = {"by_outline": 0, "error_px": None, "color_off": 0.0}
     assert verdict(proof(nobody)).startswith("Passed: 0 agents in 1 frame, colors within 0.00;")
+    unknown = nobody | {"not_judged": 80}
+    assert verdict(proof(unknown)).startswith("Passed: 0 agents in 1 frame (80 not judged), colors")
 
 
 @pytest.mark.parametrize(
