@@ -3,6 +3,7 @@
 import bpy
 import numpy as np
 import pytest
+from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.validation.id_pictures import NOBODY
 from crowd_lod_extension.operators.blender.materials import switch_nodes_on
 from crowd_lod_extension.operators.deliver.proof import id_pictures
@@ -175,7 +176,7 @@ WHOLE, HALF, NOTHING = 64, 32, 0
 def test_agents_are_seen_where_their_material_is_opaque(row, tmp_path, dress, seen):
     dress()
     before = looks_of_file()
-    (ids,) = render_ids(row, 1, tmp_path)
+    (ids,) = finished(render_ids(row, 1, tmp_path))
     assert looks_of_file() == before and not list(tmp_path.iterdir())
     assert ids.shape == (30, WIDE) and ids.dtype == np.int32
     found = {agent: int((ids == agent).sum()) for agent in np.unique(ids).tolist()}
@@ -187,16 +188,16 @@ def test_agents_are_seen_where_their_material_is_opaque(row, tmp_path, dress, se
 
 def test_finer_ids_in_tiles_of_two_eyes_are_those_of_one_picture(row, tmp_path, monkeypatch):
     dressed()
-    (coarse,) = render_ids(row, 1, tmp_path)
-    (fine,) = render_ids(row, 3, tmp_path)
+    (coarse,) = finished(render_ids(row, 1, tmp_path))
+    (fine,) = finished(render_ids(row, 3, tmp_path))
     assert np.array_equal(fine[1::3, 1::3], coarse)
     monkeypatch.setattr(id_pictures, "MOST", 3 * WIDE * 7)  # seven rows a tile
-    (tiled,) = render_ids(row, 3, tmp_path)
+    (tiled,) = finished(render_ids(row, 3, tmp_path))
     assert np.array_equal(tiled, fine)
     if bpy.app.version >= (5, 2, 0):
         row.render.use_multiview = True
         row.render.image_settings.views_format = "INDIVIDUAL"
-        left, right = render_ids(row, 1, tmp_path)
+        left, right = finished(render_ids(row, 1, tmp_path))
         assert left.shape == right.shape == coarse.shape
 
 

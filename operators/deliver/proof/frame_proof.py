@@ -198,9 +198,8 @@ class Proof:
                     rendering = render_picture(scene, path, is_kept)
                     pictures[name, filming] = yield from work.take(rendering, 1)
             if name != "b":
-                seen = render_ids(scene, finer, self.folder)
+                seen = yield from work.take(render_ids(scene, finer, self.folder), 1)
                 ids[name] = [np.where(each < count, each, NOBODY) for each in seen]
-                yield work.did(1)
         seen = list(zip(*(ids[name] for name in "ac"), strict=True))
         lods = Pictures(seen, (pictures["a", colors], pictures["c", colors]), finer)
         lamps, skies = (

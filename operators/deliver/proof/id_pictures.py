@@ -1,6 +1,6 @@
 """Pictures of who is seen: the id of the agent at each sample of the final picture."""
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -17,10 +17,12 @@ MOST = 1 << 24  # samples that are rendered at a time: 16 bytes each, and Cycles
 INSIDE = 0.1  # of a sample, by which a tile's border lies beside that of samples
 
 
-def render_ids(scene: bpy.types.Scene, finer: int, folder: Path) -> Iterator[np.ndarray]:
-    """Yield for each view of the picture who is seen, (rows, columns) int32, NOBODY elsewhere.
+def render_ids(
+    scene: bpy.types.Scene, finer: int, folder: Path
+) -> Generator[float, None, list[np.ndarray]]:
+    """Render who is seen: yield between steps, return for each view (rows, columns) int32.
 
-    The bottom row comes first.
+    The bottom row comes first; NOBODY is where no agent is.
 
     scene: set up for the proof, at the frame.
     finer: samples across a pixel of the final picture.
@@ -28,20 +30,25 @@ def render_ids(scene: bpy.types.Scene, finer: int, folder: Path) -> Iterator[np.
     """
     width, height = (finer * length for length in cameras.image_size(scene.render))
     tall = max(1, min(height, MOST // width))
-    path = folder / "ids.exr"
+    tiles = [folder / f"ids_{low}.exr" for low in range(0, height, tall)]
     with _set_up(scene, (width, height)):
         views = views_of(scene.render)
-        ids = [np.empty((height, width), np.int32) for _ in views]
-        for low in range(0, height, tall):
-            high = min(low + tall, height)
+        for number, path in enumerate(tiles):
+            low = number * tall
             scene.render.border_min_y = (low + INSIDE) / height
-            scene.render.border_max_y = (high + INSIDE) / height
+            scene.render.border_max_y = (min(low + tall, height) + INSIDE) / height
             scene.render.filepath = str(path)
             with console.quiet(), bpy.context.temp_override(scene=scene):
                 bpy.ops.render.render(write_still=True)
-            for view, found in zip(views, ids, strict=True):
-                found[low:high] = _read(path.with_stem(path.stem + view))
-    yield from ids
+    yield 0.0
+    ids = []
+    for view in views:
+        rows = []
+        for path in tiles:
+            rows.append(_read(path.with_stem(path.stem + view)))
+            yield 0.0
+        ids.append(np.concatenate(rows))
+    return ids
 
 
 @contextmanager
