@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..mesh import connected_components
 from ..srgb import encoded
 
 BLOCK = 8  # pixels of a block, along each axis
@@ -47,8 +48,8 @@ def compare(
     lost, added = _not_found(colors, other_colors, radius), _not_found(other_colors, colors, radius)
     off = np.maximum(lost, added)
     off[ignored] = 0
-    blocks = _means(off)
-    brighter = _means((other_colors - colors).mean(axis=2))
+    blocks = block_means(off)
+    brighter = block_means((other_colors - colors).mean(axis=2))
     patches = []
     for rows, columns in _side_by_side(blocks > LARGEST):
         low, left = BLOCK * rows.min(), BLOCK * columns.min()
@@ -79,25 +80,30 @@ def _not_found(picture: np.ndarray, other_picture: np.ndarray, radius: float) ->
     return best
 
 
-def _means(values: np.ndarray) -> np.ndarray:
-    """Return the mean of each block of (rows, columns); blocks at the end may be smaller."""
-    firsts = [np.arange(0, length, BLOCK) for length in values.shape]
+def block_means(values: np.ndarray) -> np.ndarray:
+    """Return the mean of each block of (rows, columns, ...); blocks at the end may be smaller."""
+    firsts = [np.arange(0, length, BLOCK) for length in values.shape[:2]]
     sums = np.add.reduceat(np.add.reduceat(values, firsts[0], axis=0), firsts[1], axis=1)
     sizes = [
         np.diff(np.append(first, length))
-        for first, length in zip(firsts, values.shape, strict=True)
+        for first, length in zip(firsts, values.shape[:2], strict=True)
     ]
-    return sums / np.outer(*sizes)
+    area = np.outer(*sizes)
+    means: np.ndarray = sums / area.reshape(*area.shape, *[1] * (values.ndim - 2))
+    return means
 
 
 def _side_by_side(wrong: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield the (rows, columns) of blocks that are wrong and touch one another, corners too."""
-    left = set(zip(*(index.tolist() for index in np.nonzero(wrong)), strict=True))
-    while left:
-        found = [left.pop()]
-        for row, column in found:  # which grows
-            around = {(row + k // 3 - 1, column + k % 3 - 1) for k in range(9)} & left
-            left -= around
-            found += around
-        rows, columns = np.array(found).T
-        yield rows, columns
+    number = np.arange(wrong.size).reshape(wrong.shape)
+    neighbors = [
+        (number[:, :-1], number[:, 1:]),
+        (number[:-1], number[1:]),
+        (number[:-1, :-1], number[1:, 1:]),
+        (number[:-1, 1:], number[1:, :-1]),
+    ]
+    pairs = np.concatenate([np.stack(pair, axis=-1).reshape(-1, 2) for pair in neighbors])
+    joined = pairs[wrong.ravel()[pairs].all(axis=1)]
+    part = connected_components(wrong.size, joined).reshape(wrong.shape)
+    for first in np.unique(part[wrong]):
+        yield np.nonzero((part == first) & wrong)

@@ -11,7 +11,7 @@ from .allowances import Allowances
 from .color_patches import Patch
 from .id_pictures import NOBODY, OUTLINE, PRESENCE, UNJUDGED, Judged
 
-# samples that an outline may be off more: where it is, samples tell but for their diagonal
+# samples: an outline is known to the diagonal of one, so it may be off by that much more
 SLACK = 2**0.5
 WIDEST_EDGE = 4.0  # pixels of the picture within which a color is looked for, at most
 TOLD = 200  # agents of a frame whose figures are kept, those that are wrong and the worst
@@ -23,6 +23,9 @@ DIM = 0.01
 ON_AGENTS = 0.5  # of a patch's difference: if more lies on agents, it is theirs
 
 
+Pair = tuple[np.ndarray, np.ndarray]  # at full detail, as built
+
+
 @dataclass(frozen=True)
 class Pictures:
     """What a frame looks like at full detail and as built, a pair of each.
@@ -32,8 +35,8 @@ class Pictures:
     finer: samples of the ids across a pixel of the final picture.
     """
 
-    ids: Sequence[tuple[np.ndarray, np.ndarray]]
-    colors: tuple[np.ndarray, np.ndarray]
+    ids: Sequence[Pair]
+    colors: Pair
     finer: int
 
 
@@ -57,9 +60,10 @@ def judge_lods(pictures: Pictures, allowed: Allowances, group: np.ndarray) -> di
     """
     judged = _judge_outlines(pictures, allowed)
     facts = [_facts(agent, each, allowed, group, pictures.finer) for agent, each in judged.items()]
-    facts.sort(key=badness)
-    off, largest, patches = _judge_colors(pictures, allowed, list(judged))
-    shades = _judge_shades(pictures, allowed, group)
+    facts.sort(key=_badness)
+    seen = _at_pixels(pictures, 0), _at_pixels(pictures, 1)
+    off, largest, patches = _judge_colors(pictures, seen, allowed, list(judged))
+    shades = _judge_shades(pictures, seen, allowed, group)
     bound = [each for each in facts if each["ok"] is not None]
     apart = [each["error_px"] or 0.0 for each in facts if each["apart"] and each["by"] != UNJUDGED]
     measured = [each for each in bound if each["error_px"] is not None]
@@ -84,12 +88,12 @@ def judge_lods(pictures: Pictures, allowed: Allowances, group: np.ndarray) -> di
     return {
         "row": row,
         "agents": facts[:TOLD],
-        "patches": [_patch_facts(patch, off, pictures) for patch in patches],
+        "patches": [_patch_facts(patch, off, seen[0], pictures) for patch in patches],
         "shades": shades,
     }
 
 
-def badness(facts: dict[str, Any]) -> tuple:
+def _badness(facts: dict[str, Any]) -> tuple:
     """Return a key that sorts the figures of agents: those that are wrong first, then by error."""
     error = facts["error_px"]
     gone = facts["missing"] or facts["extra"]
@@ -147,10 +151,12 @@ def _known(pixels: float) -> float | None:
 
 
 def _judge_colors(
-    pictures: Pictures, allowed: Allowances, agents: list[int]
+    pictures: Pictures, seen: Pair, allowed: Allowances, agents: list[int]
 ) -> tuple[np.ndarray, float, list[Patch]]:
-    """Return color_patches.compare's, without those of agents that stand apart."""
-    seen = [_at_pixels(pictures, k) for k in (0, 1)]
+    """Return color_patches.compare's, without those of agents that stand apart.
+
+    seen: see _at_pixels.
+    """
     is_apart = np.append(allowed.apart != "", False)  # NOBODY is the last
     columns = sum(pair[0].shape[1] for pair in pictures.ids)
     final = columns / pictures.finer
@@ -161,16 +167,17 @@ def _judge_colors(
 
 
 def _judge_shades(
-    pictures: Pictures, allowed: Allowances, group: np.ndarray
+    pictures: Pictures, seen: Pair, allowed: Allowances, group: np.ndarray
 ) -> list[dict[str, Any]]:
     """Return the figures of LODs whose agents are together darker or brighter than at full detail.
 
     Of all pixels that show the same agent in both pictures, linear; who stands apart is left out.
+
+    seen: see _at_pixels.
     """
-    seen, other_seen = (_at_pixels(pictures, k) for k in (0, 1))
     bound = np.append(allowed.apart == "", False)  # NOBODY is the last
-    same = (seen == other_seen) & bound[seen]
-    agents = seen[same]
+    same = (seen[0] == seen[1]) & bound[seen[0]]
+    agents = seen[0][same]
     count = int(allowed.level.max(initial=0)) + 1
     kind = group[agents].astype(np.intp) * count + allowed.level[agents]
     pixels = np.bincount(kind)
@@ -196,14 +203,16 @@ def _at_pixels(pictures: Pictures, which: int) -> np.ndarray:
     return np.concatenate([seen[row[:, None], column] for seen in ids], axis=1)
 
 
-def _patch_facts(patch: Patch, off: np.ndarray, pictures: Pictures) -> dict[str, Any]:
+def _patch_facts(
+    patch: Patch, off: np.ndarray, seen: np.ndarray, pictures: Pictures
+) -> dict[str, Any]:
     """Return the figures of a patch (see judge_lods).
 
     off: (rows, columns), how far each pixel is off.
+    seen: see _at_pixels.
     """
     low, high, left, right = patch.box
-    seen = _at_pixels(pictures, 0)[low:high, left:right].ravel()
-    agents, place = np.unique(seen, return_inverse=True)
+    agents, place = np.unique(seen[low:high, left:right], return_inverse=True)
     weights = np.bincount(place.ravel(), off[low:high, left:right].ravel())
     of_agents = np.where(agents == NOBODY, 0, weights)
     is_on = of_agents.sum() > ON_AGENTS * weights.sum()

@@ -3,8 +3,8 @@
 import numpy as np
 
 from .. import srgb
+from .color_patches import BLOCK, block_means
 
-SIDE = 8  # pixels
 STEP = 1 / 255  # of a value as sRGB encodes it, from 0 to 1
 MOST_SHARE = 0.001  # of the picture that may change by more than STEP
 
@@ -14,7 +14,7 @@ def changed_share(full: np.ndarray, culled: np.ndarray) -> float:
 
     full, culled: (h, w, 3) linear light, rendered with the same seed and samples.
 
-    It is that of squares of SIDE pixels by their mean light, since one ray that meets another agent
+    It is that of squares of BLOCK pixels by their mean light, since one ray that meets another agent
     changes its own pixel by far more than all rays there would in the mean. A square should have a
     thousand rays, 16 a pixel: with fewer, noise is taken for change.
     """
@@ -23,8 +23,6 @@ def changed_share(full: np.ndarray, culled: np.ndarray) -> float:
 
 
 def _squares(picture: np.ndarray) -> np.ndarray:
-    """Return the mean light of the picture's whole squares, (h / SIDE, w / SIDE, 3)."""
-    rows, columns = (length // SIDE for length in picture.shape[:2])
-    whole = picture[: rows * SIDE, : columns * SIDE].astype(np.float64)
-    squares: np.ndarray = whole.reshape(rows, SIDE, columns, SIDE, 3).mean(axis=(1, 3))
-    return squares
+    """Return the mean light of the picture's whole squares, (h / BLOCK, w / BLOCK, 3)."""
+    rows, columns = (length // BLOCK * BLOCK for length in picture.shape[:2])
+    return block_means(picture[:rows, :columns].astype(np.float64))
