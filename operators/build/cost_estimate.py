@@ -28,6 +28,7 @@ from ...crowd_lod.levels.cost_model import (
     work_of,
 )
 from ...crowd_lod.progress import Workload, run_in_thread
+from ...crowd_lod.shot.needed_meshes import hold_shown
 from ..blender import evaluation, scene_data
 from ..blender.materials import images_of
 from ..lods.selection import MOST_FRAMES
@@ -207,6 +208,7 @@ def estimate(
     holdings = yield from whole.take(holdings_of(crowd.characters, trajectory, cast))
     views = yield from whole.take(_look_at(crowd, choices, looked_at), 1)
     of_plan = yield from whole.take(meshes_of_plan(crowd))
+    held = None if of_plan is None else hold_shown(of_plan, cast, cast, trajectory.gaits)
     works = {}
     costs = scene_data.costs_of(scene)
     for key, choice in choices.items():
@@ -217,7 +219,7 @@ def estimate(
             stored_triangles(choice.triangles),
             finest=np.array(choice.policy.finest or [0] * len(trajectory.groups)),
             moved_as=holdings.moved_as,
-            held=of_plan if key == settings.choice else None,
+            held=held if key == settings.choice else None,
         )
         agents_shown = views.agents_shown[key]
         used = agents_shown.any(axis=(0, 1))

@@ -15,7 +15,7 @@ from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_data
 from ..blender.named_actions import own_performance
 from .characters.characters import GROUP, characters_of, check_measured
-from .characters.rig_needs import Characters
+from .characters.rig_needs import POSES, Characters, leads, refusal
 from .characters.stored_groups import count_of, groups_of, lead_of
 from .machine.scene_world import bias_of
 from .sources import crowd_sources
@@ -50,16 +50,21 @@ class SceneCrowd:
     def cast(self) -> Cast:
         """The Cast that a build makes of the characters.
 
-        A group that plays nothing but an action of one frame has one pose. For every other group,
-        rigs are assumed to be able to show its motion. CrowdError if the characters are others
-        than the trajectory's.
+        A group that plays nothing but an action of one frame has one pose. One whose data say that
+        no rig can show it has POSES in each action; for every other group, rigs are assumed to be
+        able to show its motion. CrowdError if the characters are others than the trajectory's, or
+        a part would leave who wears it.
         """
-        check_measured(self.characters, self.trajectory.groups)
-        still = [
-            own_performance(objects).still and not any(self.trajectory.gaits.actions)
-            for _, objects, _ in self.characters
-        ]
-        return Cast(np.array(still, np.intp))
+        groups = self.trajectory.groups
+        check_measured(self.characters, groups)
+        posed = np.array([self._poses(objects) for _, objects, _ in self.characters], np.intp)
+        return Cast(posed[leads(self.characters, groups)])
+
+    def _poses(self, objects: list[bpy.types.Object]) -> int:
+        """Return the poses that a character has in each of its actions; 0 if rigs may show it."""
+        if own_performance(objects).still and not any(self.trajectory.gaits.actions):
+            return 1
+        return POSES if refusal(objects) else 0
 
     @property
     def groups_in_meters(self) -> list[Group]:
@@ -160,10 +165,9 @@ def policy_of(settings, choice: str = "") -> LevelPolicy:
     choice: BY_DISTANCE or BY_TOLERANCE in place of the settings' own.
     """
     tolerant = (choice or settings.choice) == "BY_TOLERANCE"
-    leads = [lead_of(group) for group in settings.groups]
     group_thresholds = [
         _thresholds(group, settings) if group.use_custom_thresholds and not tolerant else ()
-        for group in leads
+        for group in map(lead_of, settings.groups)
     ]
     return LevelPolicy(
         thresholds=(0.0,) * (count_of(settings, choice) - 1)
