@@ -100,7 +100,7 @@ INSTEAD = (
     (
         "--estimates",
         "memory and time of builds beside what Estimate Cost predicts, of crowds of the character "
-        "FILEs (glTF, FBX): half an hour",
+        "FILEs (glTF, FBX): some two minutes a file",
         {"nargs": "+", "metavar": "FILE"},
     ),
     ("--choices", "builds with several choices of LODs, rendered: an hour", {}),

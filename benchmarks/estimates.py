@@ -2,18 +2,20 @@
 
 ./crowd-lod bench --estimates FILE ...
 
-Of the character files (glTF, FBX) CASTS crowds are made, of one to four characters and of one to
-MOST_AGENTS agents. Each is built live at full detail, live with LODs by tolerance, and baked.
+Of the character files (glTF, FBX) crowds are made, of one to four characters and of one to
+MOST_AGENTS agents, until each file is in one. Each is built live at full detail, live with LODs by
+distance, and baked.
 Cycles renders each build, and the same scene without crowd and characters, each in a process of
 its own. Memory is what the crowd adds to the largest memory of the process; time is the part of
 full detail's that frames take beyond those of the empty scene. MEMORY and SECONDS
-(crowd_lod/levels/cost_model.py) are fitted to the builds of all crowds but the last HELD_OUT, which
-judge them.
+(crowd_lod/levels/cost_model.py) are fitted to the builds of two crowds of three; the third judges
+them.
 """
 
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import count
 from pathlib import Path
 
 import bpy
@@ -29,17 +31,16 @@ from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 from crowd_lod_extension.operators.settings.stored_figures import FULL, BuildCase
 from jobs import answer, job, peak_mb
 
-CASTS = 13
-HELD_OUT = 3
 MOST_AGENTS = 20_000
+STEP = 0.618  # from one crowd's power of that to the next's: evenly spread however many they are
 METERS = (3, 6, 12)  # to the nearest agent, of the crowds in turn
 SAMPLES = (8, 2)  # of a pixel, of the crowds in turn
 FRAMES = range(10, 13)  # that a bake holds and that are rendered
-WIDTH = 480  # pixels
+WIDTH = 320  # pixels
 WAYS = {
     "full": BuildCase(FULL),
-    "live": BuildCase("BY_TOLERANCE"),
-    "baked": BuildCase("BY_TOLERANCE", True),
+    "live": BuildCase("BY_DISTANCE"),
+    "baked": BuildCase("BY_DISTANCE", True),
 }
 LIMIT = 1800.0  # seconds, to make a crowd's files or to render one
 
@@ -47,26 +48,32 @@ LIMIT = 1800.0  # seconds, to make a crowd's files or to render one
 def main(characters: Sequence[str]) -> None:
     from worth import show
 
+    files = [str(Path(name).absolute()) for name in characters]
     rows = []
-    for number in range(CASTS):
-        crowd = crowd_of([str(Path(name).absolute()) for name in characters], number)
+    for crowd in crowds_of(files):
         own = measured(crowd)
-        show(name_of(crowd), [{key: row[key] for key in row if key != "work"} for row in own])
-        rows += [{**row, "is_held_out": number >= CASTS - HELD_OUT} for row in own]
+        if own:
+            show(name_of(crowd), [{key: row[key] for key in row if key != "work"} for row in own])
+        rows += own
     for name, coefficients in (("memory_mb", MEMORY), ("cpu_s", SECONDS)):
         judge(rows, name, tuple(coefficients["CYCLES"]))
 
 
-def crowd_of(characters: Sequence[str], number: int) -> dict:
-    """The crowd of that number: its characters' files, and how it is seen."""
-    size = 1 + number % 4
-    first = number + sum(n % 4 for n in range(number))
-    return {
-        "files": [characters[(first + k) % len(characters)] for k in range(size)],
-        "agents": round(MOST_AGENTS ** (5 * number % CASTS / (CASTS - 1))),
-        "meters": METERS[number % len(METERS)],
-        "samples": SAMPLES[number % len(SAMPLES)],
-    }
+def crowds_of(characters: Sequence[str]) -> Iterator[dict]:
+    """The crowds: the files of each one's characters, and how it is seen."""
+    first = 0
+    for number in count():
+        if first >= len(characters):
+            return
+        size = 1 + number % 4
+        yield {
+            "files": [characters[(first + k) % len(characters)] for k in range(size)],
+            "agents": round(MOST_AGENTS ** (STEP * number % 1)),
+            "meters": METERS[number % len(METERS)],
+            "samples": SAMPLES[number % len(SAMPLES)],
+            "is_held_out": number % 3 == 2,
+        }
+        first += size
 
 
 def name_of(crowd: dict) -> str:
@@ -76,18 +83,23 @@ def name_of(crowd: dict) -> str:
 
 
 def measured(crowd: dict) -> list[dict]:
-    """A row for each of WAYS: what the crowd takes, and what was predicted."""
+    """A row for each of WAYS: what the crowd takes, and what was predicted.
+
+    None if the crowd cannot be made or rendered, which is printed.
+    """
     with tempfile.TemporaryDirectory() as folder:
         made = job(LIMIT, "estimates.py", job="make", folder=folder, crowd=crowd)
         if "ended" in made:
-            raise SystemExit(f"crowd-lod bench: {name_of(crowd)} was not made ({made['ended']}).")
+            print(f"{name_of(crowd)} was not made ({made['ended']}).", flush=True)
+            return []
         renders = {
             way: job(LIMIT, "estimates.py", job="render", file=f"{folder}/{way}.blend")
             for way in ("empty", *WAYS)
         }
     for way, taken in renders.items():
         if "ended" in taken:
-            raise SystemExit(f"crowd-lod bench: {way} was not rendered ({taken['ended']}).")
+            print(f"{name_of(crowd)}: {way} was not rendered ({taken['ended']}).", flush=True)
+            return []
     rows = []
     for way in WAYS:
         beyond = {
@@ -97,7 +109,7 @@ def measured(crowd: dict) -> list[dict]:
         row["memory_predicted"] = made[way]["memory_mb"]
         row["time"] = round(row["cpu_s"] / rows[0]["cpu_s"], 3) if rows else 1.0
         row["time_predicted"] = made[way]["time"]
-        rows.append({**row, "work": made[way]["work"]})
+        rows.append({**row, "is_held_out": crowd["is_held_out"], "work": made[way]["work"]})
     return rows
 
 
@@ -135,14 +147,13 @@ def make(folder: str, crowd: dict) -> dict:
     scene.cycles.samples = crowd["samples"]
     scene.cycles.use_adaptive_sampling = scene.cycles.use_denoising = False
     bpy.ops.crowd_lod.populate()
-    settings.choice = "BY_TOLERANCE"
+    settings.choice = "BY_DISTANCE"
     bpy.ops.crowd_lod.make_levels()
     rows = _predicted(scene)
     finished(render_setup.build(read_crowd(scene)))
     _save(folder, "live")
     finished(bake.bake(scene, FRAMES))
     _save(folder, "baked")
-    settings.choice = "BY_DISTANCE"
     settings.level_count = 1
     bpy.ops.crowd_lod.make_levels()
     finished(render_setup.build(read_crowd(scene)))

@@ -44,7 +44,6 @@ class Work:
     other_keys: keys of all other actions in the file, such as the characters' own.
     meshes: bytes in memory of the meshes of characters, LODs and still poses.
     materials: materials of the characters.
-    objects: mesh objects of the characters in the build's collections.
     emitting: those of the unique triangles whose material emits light.
     builds: 1, for what any build takes.
     live: 1 for a live build, which Crowd LOD follows in the process that renders; 0 for a bake.
@@ -64,7 +63,6 @@ class Work:
     other_keys: float = 0.0
     meshes: float = 0.0
     materials: float = 0.0
-    objects: float = 0.0
     emitting: np.ndarray | float = 0.0
     builds: float = 0.0
     live: float = 0.0
@@ -78,23 +76,22 @@ class Work:
         return self.rays * np.log2(np.maximum(self.unique, 1.0))
 
 
-# Bytes of main memory for one of each. Cycles: 13 % rms of 31 builds of fetched characters, 32 % at
-# worst of six others. EEVEE on a graphics card: 23 % rms of 15 renders. docs/notes/costs.md has the
+# Bytes of main memory for one of each. Cycles: 16 % rms of 50 builds of fetched characters, 18 % at
+# worst of 15 others. EEVEE on a graphics card: 23 % rms of 15 renders. docs/notes/costs.md has the
 # builds.
 MEMORY: dict[str, dict[str, float]] = {
     "CYCLES": {
-        "builds": 5_400_000,
-        "live": 5_300_000,
-        "objects": 176_000,
-        "unique": 92,
-        "emitting": 690,
-        "instances": 1800,
-        "bones": 9100,
+        "builds": 4_400_000,
+        "live": 6_900_000,
+        "unique": 208,
+        "emitting": 547,
+        "instances": 2500,
+        "bones": 13_300,
         "images": 1.56,
-        "keys": 250,
-        "other_keys": 95,
-        "meshes": 2.9,
-        "materials": 885_000,
+        "keys": 249,
+        "other_keys": 146,
+        "meshes": 3.4,
+        "materials": 300_000,
     },
     "EEVEE": {
         "posed": 60,
@@ -141,7 +138,7 @@ DEVELOPERS = {
 
 # by engine: how many times the memory and the time that is foretold were measured, at least and at
 # most (docs/notes/costs.md)
-SEEN = {"CYCLES": ((0.7, 1.5), (0.9, 1.4))}
+SEEN = {"CYCLES": ((0.6, 1.7), (0.8, 1.5))}
 
 
 @dataclass(frozen=True)
@@ -216,7 +213,6 @@ class Holdings:
     triangle: bytes in memory of a triangle of a mesh, with its vertices.
     split: part of the characters' triangles whose corners have normals of their own.
     emitting: part of them whose material emits light.
-    parts: mesh objects of one character.
     """
 
     rigs: np.ndarray | float = 1.0
@@ -228,7 +224,6 @@ class Holdings:
     split: np.ndarray | float = 0.0
     materials: np.ndarray | float = 0.0
     emitting: np.ndarray | float = 0.0
-    parts: np.ndarray | float = 0.0
     builds: np.ndarray | float = 0.0
     live: np.ndarray | float = 0.0
 
@@ -310,9 +305,8 @@ def work_of(
     triangles = actors.triangles.T[:, actors.group].astype(np.float64)  # (K, N)
     holdings = actors.holdings
     groups = len(actors.triangles)
-    emitting, parts, rigs = (
-        np.broadcast_to(each, groups)[actors.group]
-        for each in (holdings.emitting, holdings.parts, holdings.rigs)
+    emitting, rigs = (
+        np.broadcast_to(each, groups)[actors.group] for each in (holdings.emitting, holdings.rigs)
     )
     # each pose is a mesh of its own
     poses = np.bincount(actors.group, (is_held * triangles).sum(axis=0) * (rigs == 0), groups)
@@ -330,7 +324,6 @@ def work_of(
         other_keys=float(np.broadcast_to(holdings.other_keys, groups).sum()),
         meshes=float(np.sum(holdings.meshes + more * holdings.triangle)),
         materials=float(np.broadcast_to(holdings.materials, groups).sum()),
-        objects=float((is_held * parts).sum()),
         emitting=((shown_agents > 0) * triangles * emitting).sum(axis=(1, 2)),
         builds=float(np.broadcast_to(holdings.builds, groups).sum()),
         live=float(np.broadcast_to(holdings.live, groups).sum()),

@@ -83,7 +83,6 @@ def test_work_is_what_one_counts(known):
         split=np.array([0, 0.5]),
         materials=np.array([4, 1]),
         emitting=np.array([0, 0.25]),
-        parts=np.array([3, 1]),
         builds=np.array([1, 0]),
         live=np.array([1, 0]),
     )
@@ -104,7 +103,6 @@ def test_work_is_what_one_counts(known):
     assert work.bones == 20 * work.rigs
     assert (work.keys, work.other_keys, work.materials) == (500, 120, 5)
     assert (work.builds, work.live) == (1, 1)
-    assert work.objects == sum(3 if owner[n] == 0 else 1 for _, n in held)
     # group 1 has no rigs: each of its poses is a mesh of its own
     copied = sum(triangles[1, k] for k, n in held if owner[n] == 1)
     assert work.meshes == pytest.approx(10_000 + 770 + 12.5 * (5 + copied))

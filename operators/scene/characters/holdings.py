@@ -138,7 +138,6 @@ def holdings_of(
         split=np.array([_split_part(objects) for _, objects, _ in characters]),
         materials=materials,
         emitting=np.array([_emitting_part(objects) for _, objects, _ in characters]),
-        parts=np.array([sum(item.type == "MESH" for item in own) for _, own, _ in characters]),
         builds=once,
         live=once,
     )
