@@ -41,7 +41,7 @@ from chapter_tests import (
 )
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.output import files, tables
-from crowd_lod_extension.operators.deliver.error_report import machine_name
+from crowd_lod_extension.operators.blender.machine import machine_name
 
 # headings of the printed tables -> columns
 CHAPTER = {

@@ -15,7 +15,7 @@ import bpy
 import fast_simplification
 import numpy as np
 from crowd_lod_extension.crowd_lod.mesh import Mesh
-from crowd_lod_extension.crowd_lod.output.error_plots import COLORS
+from crowd_lod_extension.crowd_lod.output.accuracy_page import COLORS
 from crowd_lod_extension.crowd_lod.simplification.decimate import decimate
 from crowd_lod_extension.operators.blender.mesh_data import new_mesh, read_mesh
 from crowd_lod_extension.operators.lods.surface import Surface, deviation

@@ -28,11 +28,11 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.output import files, tables
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import console
+from crowd_lod_extension.operators.blender.machine import machine_name
 from crowd_lod_extension.operators.blender.mesh_data import count_triangles
 from crowd_lod_extension.operators.blender.ownership import remove_owned
 from crowd_lod_extension.operators.build import bake, shelves
 from crowd_lod_extension.operators.build.visibility import hide_characters
-from crowd_lod_extension.operators.deliver.error_report import machine_name
 from jobs import job
 from ways import FRAMES, NOBODY
 from worth import LIMIT, PICTURE, show

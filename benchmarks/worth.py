@@ -21,8 +21,8 @@ import numpy as np
 from bench import table
 from crowd_lod_extension.crowd_lod.output import files as outputs
 from crowd_lod_extension.crowd_lod.output import tables
-from crowd_lod_extension.crowd_lod.output.error_plots import COLORS
-from crowd_lod_extension.operators.deliver.error_report import machine_name
+from crowd_lod_extension.crowd_lod.output.accuracy_page import COLORS
+from crowd_lod_extension.operators.blender.machine import machine_name
 from jobs import job
 from ways import BAKED, EVERYONE, FRAMES, NOBODY, shown_by
 

@@ -17,6 +17,7 @@ from .blender import (
 from .build import aovs, buttons, character_images, frame_update
 from .cli import commands
 from .deliver import farm_job, open_report, update_all
+from .deliver.accuracy import accuracy
 from .deliver.preview import preview
 from .deliver.proof import verify
 from .deliver.usd import export
@@ -66,6 +67,7 @@ MODULES = (
     make_lods,
     preview,
     shot_plan,
+    accuracy,
     update_all,
     verify,
     open_report,

@@ -13,8 +13,7 @@ most a step, and the error is of first order in the step.
 Some tables have no limit. The plaza's turns an agent along a house a little at each read, first
 toward the wall and then away from it. How many reads that takes depends on where in a step the
 agent reached the border, however short the step. The exact walk takes the first way out. Steps of
-any length leave such agents equally far from it: see Convergence.apart in
-validation/exact_behavior.py.
+any length leave such agents equally far from it: see `apart` in validation/behavior_errors.py.
 """
 
 from dataclasses import dataclass

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..errors import CrowdError
 
+LEAST = 1e-9  # m/s
 MOST_PACES = 6  # of an action: each has its own posed characters
 MOST_NUMBERS = 255  # of paces: they are counted in a byte
 FADE_STEPS = 3  # of a cross-fade: a quarter, a half, three quarters of the action to come
@@ -140,14 +141,15 @@ def _fades(names: list[str], pairs: Sequence[tuple[str, str]]) -> np.ndarray | t
 
 def _ladder(speed: np.ndarray, stops: bool) -> tuple[np.ndarray, np.ndarray]:
     """Return the paces (p,) that serve all of `speed` (s, L), and the pace (s, L) of each."""
-    stands = [0.0] if stops or not speed.all() else []
-    # ten digits, whatever the unit of length
-    digits = 9 - int(np.floor(np.log10(speed.max()))) if speed.any() else 9
-    walks = np.unique(speed[speed > 0].round(digits))
+    # ten digits, whatever the unit of length; who is slower than LEAST stands
+    digits = 9 - int(np.floor(np.log10(speed.max(initial=LEAST))))
+    rounded = speed.round(digits)
+    stands = [0.0] if stops or not rounded.all() else []
+    walks = np.unique(rounded[rounded > 0])
     if len(stands) + len(walks) > MOST_PACES:
         walks = np.geomspace(walks[0], walks[-1], MOST_PACES - len(stands))
     paces = np.array([*stands, *walks])
-    ratio = np.log(np.maximum(speed, 1e-9))[..., None] - np.log(np.maximum(paces, 1e-9))
+    ratio = np.log(np.maximum(speed, LEAST))[..., None] - np.log(np.maximum(paces, LEAST))
     return paces, np.abs(ratio).argmin(axis=-1)
 
 

@@ -35,6 +35,7 @@ text { font: 11px system-ui, sans-serif; fill: #444 } .title { font-size: 15px; 
 .line { fill: none; stroke-width: 1.4 } .mark { stroke-width: 1.2 }
 """
 LEGEND_ROW = 16  # pixels
+LABEL = 60, 12  # pixels along x and y that the label of a point takes
 # Letters that fit into a line: of a caption over two panels, and of a legend under one.
 CAPTION_LETTERS = 190
 LEGEND_LETTERS = 75
@@ -102,7 +103,7 @@ class Scale:
             decades = 10.0 ** np.arange(
                 np.floor(np.log10(self.low)), np.ceil(np.log10(self.high)) + 1
             )
-            for factors in ((1, 2, 5), (1, 3), (1,)):
+            for factors in ((1, 1.5, 2, 3, 4, 5, 6, 8), (1, 2, 5), (1, 3), (1,)):
                 values = [
                     v
                     for decade in decades
@@ -263,13 +264,20 @@ def bars(x: Scale, y: Scale, row: Series) -> str:
     return f'<path stroke="{row.color}" stroke-width="0.8" d="{path}"/>'
 
 
-def labels(x: Scale, y: Scale, row: Series) -> str:
-    """Return the row's labels, each to the upper right of its point (m, 2)."""
+def labels(x: Scale, y: Scale, row: Series, taken: list[tuple[float, float]]) -> str:
+    """Return the row's labels, each to the upper right of its point (m, 2).
+
+    taken: places of labels, to which those of the row are added; what would lie over one is left
+        out.
+    """
+    texts = []
     places = zip(x.place(row.values[:, 0]), y.place(row.values[:, 1]), row.labels, strict=False)
-    return "".join(
-        f'<text x="{_text(a + 8)}" y="{_text(b - 5)}">{escape(label)}</text>'
-        for a, b, label in places
-    )
+    for a, b, label in places:
+        is_free = all(abs(a - c) > LABEL[0] or abs(b - d) > LABEL[1] for c, d in taken)
+        if label and is_free:
+            taken.append((float(a), float(b)))
+            texts.append(f'<text x="{_text(a + 8)}" y="{_text(b - 5)}">{escape(label)}</text>')
+    return "".join(texts)
 
 
 def level(x: Scale, y: Scale, value: float, says: str) -> str:

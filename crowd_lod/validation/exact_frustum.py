@@ -1,10 +1,9 @@
 """The judge of the culling: sphere against frustum in exact rational arithmetic.
 
-It shares no formula with the culling, and counts agents missed, and agents kept for nothing.
+It shares no formula with the culling.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from fractions import Fraction as F
 from typing import TypeVar
 
@@ -12,8 +11,6 @@ import numpy as np
 
 from ..crowd.agents import Crowd
 from ..culling.camera import Camera
-from ..culling.frustum import ROUNDING
-from ..culling.radar import radar
 
 Number = TypeVar("Number", F, float)
 
@@ -120,49 +117,6 @@ def depth_error(camera: Camera, center: Sequence[float] | np.ndarray, distance: 
     )
 
 
-def gap(camera: Camera, centers: np.ndarray) -> np.ndarray:
-    """Return distances (n,) float64 in meters from centers to the frustum's body.
-
-    They are measured to the nearest of its six faces and twelve edges; 0 inside. A sphere may touch
-    all six planes and still miss the body at an edge or corner.
-    centers: (n, 3) world meters.
-    """
-    w = camera.window
-    frame = np.linalg.inv(np.array([camera.X, camera.Y, camera.Z]))
-    points = []
-    for depth in (camera.near, camera.far):
-        at = 1.0 if camera.kind == "ORTHO" else depth
-        rim = ((w.left, w.bottom), (w.right, w.bottom), (w.right, w.top), (w.left, w.top))
-        points += [frame @ (at * x, at * y, depth) for x, y in rim]
-    ends = np.array(points)
-    v = centers - camera.origin
-    faces = [(0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)]
-    edges = {tuple(sorted((f[i], f[(i + 1) % 4]))) for f in faces for i in range(4)}
-    least = np.full(len(v), np.inf)
-    inside = np.ones(len(v), bool)
-    middle = ends.mean(axis=0)
-    for a, b in edges:
-        along = ends[b] - ends[a]
-        part = ((v - ends[a]) @ along / max(along @ along, 1e-300)).clip(0, 1)
-        least = np.minimum(least, np.linalg.norm(v - ends[a] - part[:, None] * along, axis=1))
-    for face in faces:
-        corners = ends[list(face)]
-        normal = np.cross(corners[2] - corners[0], corners[3] - corners[1])
-        if not normal.any():
-            continue  # the near face of a camera that clips at 0
-        normal /= np.linalg.norm(normal)
-        normal *= -1 if normal @ (middle - corners[0]) > 0 else 1
-        middle_face = corners.mean(axis=0)
-        height = (v - middle_face) @ normal
-        over = np.ones(len(v), bool)
-        for i in range(4):
-            side = np.cross(normal, corners[(i + 1) % 4] - corners[i])
-            over &= ((v - corners[i]) @ side) * ((middle_face - corners[i]) @ side) >= 0
-        inside &= height <= 0
-        least = np.where(over & (height > 0), np.minimum(least, height), least)
-    return np.where(inside, 0.0, least)
-
-
 def scatter(
     camera: Camera, radius: np.ndarray, random: np.random.Generator, on_planes: float = 0.25
 ) -> np.ndarray:
@@ -201,42 +155,6 @@ def scatter(
     return camera.origin + v
 
 
-EXACT_DEPTHS = 50  # agents a check whose distance is compared with exact arithmetic
-
-
-@dataclass(frozen=True)
-class CullingJudgment:
-    """The result of `judge_culling`.
-
-    pairs: of camera and agent. All other counts are of these pairs.
-    visible: truly visible, by exact planes.
-    survivors: agents that the culling left.
-    missed: visible and culled.
-    surplus: left and not visible.
-    grazing: part of the surplus, within roundings of a plane.
-    beside: visible by the planes, but the sphere misses the frustum's body at an edge or corner.
-    doubtful: pairs that only exact arithmetic could decide, not float64.
-    depth_error: the largest error of a distance, as a part of the bound that `assign` states
-        (levels/assignment.py).
-    """
-
-    pairs: int = 0
-    visible: int = 0
-    survivors: int = 0
-    missed: int = 0
-    surplus: int = 0
-    grazing: int = 0
-    beside: int = 0
-    doubtful: int = 0
-    depth_error: float = 0.0
-
-    def __add__(self, other: "CullingJudgment") -> "CullingJudgment":
-        sums = {
-            name: getattr(self, name) + getattr(other, name) for name in self.__dataclass_fields__
-        }
-        return CullingJudgment(**sums | {"depth_error": max(self.depth_error, other.depth_error)})
-
-
 def standing_crowd(points: np.ndarray, group: np.ndarray | None = None) -> Crowd:
     """Return a crowd that stands at the points (n, 3).
 
@@ -246,39 +164,3 @@ def standing_crowd(points: np.ndarray, group: np.ndarray | None = None) -> Crowd
     none = np.zeros(len(points), np.uint8)
     x, y, z = np.ascontiguousarray(points.T, np.float64)
     return Crowd(x, y, z, still, none, none if group is None else group, none)
-
-
-def judge_culling(
-    camera: Camera, points: np.ndarray, radius: np.ndarray, group: np.ndarray
-) -> CullingJudgment:
-    """Return the verdict on the culling of spheres of radius[group] at the points.
-
-    points: (n, 3) world meters.
-    radius: (G,) meters.
-    group: (n,) uint8.
-    """
-    visible, distance = radar(standing_crowd(points, group), camera, np.zeros(len(radius)), radius)
-    truly, doubtful = find_visible(camera, points, radius[group])
-    beside = 0
-    if camera.kind != "PANO":
-        beside = int((gap(camera, points[truly]) > radius[group][truly]).sum())
-    errors = [0.0]
-    if camera.kind != "PANO":
-        for i in range(0, len(points), max(1, len(points) // EXACT_DEPTHS)):
-            bound = (
-                ROUNDING
-                * (np.abs(points[i] - camera.origin).sum() + abs(camera.origin[2]))
-                * np.linalg.norm(camera.Z)
-            )
-            errors.append(depth_error(camera, points[i], distance[i]) / (bound or np.inf))
-    return CullingJudgment(
-        pairs=len(points),
-        visible=int(truly.sum()),
-        survivors=int(visible.sum()),
-        missed=int((truly & ~visible).sum()),
-        surplus=int((visible & ~truly).sum()),
-        grazing=int((visible & ~truly & doubtful).sum()),
-        beside=beside,
-        doubtful=int(doubtful.sum()),
-        depth_error=float(max(errors)),
-    )

@@ -15,7 +15,8 @@ from .farm import add_job
 from .file_commands import add_build, add_export, add_sample, add_update
 from .new_scene import add_new_scene, add_simulate
 from .picture_commands import add_preview, add_verify
-from .plan_commands import add_error, add_extremes, add_plan_shot
+from .plan_commands import add_plan_shot
+from .report_commands import add_error, add_extremes
 from .shared_runs import add_assemble
 
 COMMANDS = (

@@ -21,6 +21,7 @@ from ...crowd_lod.format import counted, printable
 from ...crowd_lod.frame.frame_range import frames_are, parse_frames, parse_part
 from ...crowd_lod.output import files
 from ...crowd_lod.shot import plan_file
+from ..blender.machine import launcher
 from ..deliver.preview.shared_frames import Sharing, allowed
 from . import farm
 from .options import add_command, to_path
@@ -158,18 +159,6 @@ def _threads(jobs: int) -> int:
 def _place(words: Sequence[str], args) -> int:
     """Return where the scene stands among the words after the program; -1 if it does not."""
     return next((k for k, word in enumerate(words) if k and word == args.scene), -1)
-
-
-def launcher() -> list[str]:
-    """Return the words that start Crowd LOD's commands as this process was started."""
-    if bpy.app.binary_path:
-        return [bpy.app.binary_path, "--background", "--command", "crowd_lod"]
-    package = __package__.partition(".")[0]
-    return [
-        sys.executable,
-        "-c",
-        f"import sys; from {package}.operators.cli.start import start; sys.exit(start())",
-    ]
 
 
 def _parts(folder: Path, args, key: str) -> Path:

@@ -11,7 +11,12 @@ from ..blender.operator import Reporting
 from ..blender.output_folders import output_folder
 
 # the buttons that write a report, by what scripts call it; the folder is named alike
-REPORTS = {"PREVIEW": "Preview", "PLAN": "Plan Shot", "VERIFY": "Verify"}
+REPORTS = {
+    "PREVIEW": "Preview",
+    "PLAN": "Plan Shot",
+    "VERIFY": "Verify",
+    "ERROR": "Report Error",
+}
 
 
 def report_path(scene: bpy.types.Scene, kind: str) -> Path:

@@ -50,6 +50,7 @@ WORK = (
     "write_farm_job",
     "verify",
     "show_proof",
+    "report_error",
     "reset",
 )
 

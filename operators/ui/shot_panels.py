@@ -262,6 +262,7 @@ class CROWDLOD_PT_verify(StepPanel, bpy.types.Panel):
             layout, "crowd_lod.verify", "CHECKMARK", "VERIFY", steps.next_operator(context.scene)
         )
         row.operator("crowd_lod.show_proof", text="", icon="IMAGE_DATA")
+        _with_report(layout, "crowd_lod.report_error", "GRAPH", "ERROR", "")
 
 
 class CROWDLOD_PT_hand_over(StepPanel, bpy.types.Panel):

@@ -1,7 +1,6 @@
 """The playblast: the scene in solid shading, with the overlay drawn over it; and its operator."""
 
 import subprocess
-import sys
 from collections.abc import Generator, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import partial
@@ -16,6 +15,7 @@ from ...crowd_lod.output.file_checks import save_png
 from ..blender import cameras, console, image_data
 from ..blender.callbacks import guard
 from ..blender.colors import to_linear
+from ..blender.machine import expression
 from ..blender.operator import Stepwise
 from ..scene.scene_crowd import SceneCrowd
 from ..settings import needs
@@ -282,10 +282,8 @@ def need_gpu() -> None:
             f"later for the engine overlay, "
             "or another engine."
         )
-    code = "import bpy, gpu; gpu.init()"
-    blender = [bpy.app.binary_path, "--background", "--factory-startup", "--python-expr"]
-    command = [*(blender if bpy.app.binary_path else [sys.executable, "-c"]), code]
     nowhere = subprocess.DEVNULL
+    command = expression("import bpy, gpu; gpu.init()")
     if subprocess.call(command, stdin=nowhere, stdout=nowhere, stderr=nowhere):
         raise CrowdError(
             "The engine overlay needs OpenGL or Vulkan, and no driver for either starts here: "

@@ -6,7 +6,6 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
-from crowd_lod_extension.benchmarks.cull_audit import LENSES, random_camera
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd import leave_outs
 from crowd_lod_extension.crowd_lod.crowd.bounds import spheres_of
@@ -25,6 +24,7 @@ from hypothesis import given, settings
 
 from ..support.cameras import straight
 from ..support.crowds import crowd_at, walker
+from ..support.culling_audit import LENSES, random_camera
 from ..support.shots import (
     AREA,
     IDLER,

@@ -2,7 +2,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.benchmarks.cull_audit import LENSES, random_camera
 from crowd_lod_extension.crowd_lod.culling.camera import (
     Stereo,
     frustum_corners,
@@ -19,6 +18,7 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 
 from ..support.cameras import ONE, straight, turned
 from ..support.crowds import crowd_at
+from ..support.culling_audit import LENSES, random_camera
 
 
 def test_referential_of_a_scaled_sheared_mirrored_camera_is_blenders():

@@ -7,16 +7,13 @@ from crowd_lod_extension.crowd_lod.behavior.plain_step import advance
 from crowd_lod_extension.crowd_lod.behavior.step import step
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.message_words import lines_of
-from crowd_lod_extension.crowd_lod.validation.exact_behavior import (
-    follow_exactly,
-    measure_convergence,
-    measure_drift,
-    step_by_listing,
-)
+from crowd_lod_extension.crowd_lod.validation.behavior_errors import step_by_listing
+from crowd_lod_extension.crowd_lod.validation.exact_behavior import follow_exactly
 from crowd_lod_extension.crowd_lod.world.first_frame import populate
 from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap, edge_map
 from crowd_lod_extension.sample_scenes import plaza_map
 
+from ..support.convergence import measure_convergence
 from ..support.crowds import crowd_at
 from ..support.machines import TO_AND_FRO, machine_of, random_machine, random_world
 
@@ -91,23 +88,6 @@ def test_steps_are_exact_where_rules_move_as_the_state_they_lead_to():
     letter = against_the_judge(crowd, machine, world, 40.0, (64, 512), step_by_listing)
     assert cut.worst.max() < 1e-11 and np.isnan(cut.order)
     assert letter.mean.min() > 1e-3
-
-
-def test_drift_chooses_float64():
-    assert measure_drift(np.float64, 100_000)[1] < 1e-9
-    mean, worst = measure_drift(np.float32, 100_000)
-    assert 1e-4 < mean <= worst < 1
-    assert measure_drift(np.float32, 100_000, offset=1e4)[1] > 0.1
-
-
-def test_drift_rounds_as_the_step_does():
-    """`measure_drift` sums in one go what `step` adds up: the same bits."""
-    machine = machine_of({"go": {"on": {"*": {"move": [1.1, 0]}}}})
-    world = LabelMap(np.zeros((1, 1), np.uint8), Area(-1e4, 0, 1e4, 1))
-    crowd = crowd_at([(0.1, 0.5, 0)])
-    for _ in range(500):
-        crowd = step(crowd, machine, world, 1 / 24)
-    assert crowd.x[0] == np.add.accumulate(np.r_[0.1, np.full(500, 1.1 * (1 / 24))])[-1]
 
 
 def test_agents_sent_to_and_fro_over_a_border_are_found_with_their_place():

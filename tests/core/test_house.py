@@ -62,7 +62,7 @@ FLOORS = {
 # The folders of a floor that has some, lowest first; "" are its own modules.
 ROOMS = {
     "operators/scene": ("machine", "characters", "sources", ""),
-    "operators/deliver": ("usd", "preview", "proof", ""),
+    "operators/deliver": ("usd", "preview", "proof", "accuracy", ""),
     "operators/build": ("nodes", ""),
 }
 

@@ -4,7 +4,6 @@ from fractions import Fraction
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from crowd_lod_extension.benchmarks.cull_audit import random_camera
 from crowd_lod_extension.crowd_lod.culling.frustum import ROUNDING
 from crowd_lod_extension.crowd_lod.culling.radar import radar
 from crowd_lod_extension.crowd_lod.errors import CrowdError
@@ -21,6 +20,7 @@ from hypothesis import given
 
 from ..support.cameras import straight
 from ..support.crowds import crowd_at
+from ..support.culling_audit import random_camera
 
 
 def test_listing_1_3_and_equation_1_7_agree_but_for_the_threshold_itself():

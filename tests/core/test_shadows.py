@@ -2,7 +2,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.benchmarks.cull_audit import LENSES, random_camera
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
 from crowd_lod_extension.crowd_lod.culling.radar import radar
 from crowd_lod_extension.crowd_lod.culling.volumes import (
@@ -17,10 +16,11 @@ from crowd_lod_extension.crowd_lod.culling.volumes import (
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.frame.shadows import Surroundings, surround
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
-from crowd_lod_extension.crowd_lod.validation.exact_frustum import gap, scatter
+from crowd_lod_extension.crowd_lod.validation.exact_frustum import scatter
 
 from ..support.cameras import ONE, straight
 from ..support.crowds import crowd_at
+from ..support.culling_audit import LENSES, gap, random_camera
 from ..support.frames import shot
 
 pytestmark = pytest.mark.once

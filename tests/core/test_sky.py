@@ -8,9 +8,9 @@ from crowd_lod_extension.crowd_lod.culling.volumes import Mirror
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.frame.shadows import SKY_REACH, Surroundings, surround
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
-from crowd_lod_extension.crowd_lod.validation.exact_frustum import gap
 
 from ..support.cameras import straight
+from ..support.culling_audit import gap
 from ..support.frames import shot
 
 SKY = Surroundings(sky=True)

@@ -31,9 +31,9 @@ if TRIALS > 2:
     COMMANDS |= {
         "export": "export {small} --frames 1,9 --out out/x.usdc",
         "build": "build {small} --out out/x.blend",
-        "error": "report error {small} --repeats 1 --out out",
+        "error": "report error {small} --quick --out out",
         "simulate": "simulate {small} --seconds 2 --agents 20 --out out/x.blend",
-        "extremes": "report extremes --most 20000 --out out/x.md",
+        "extremes": "report extremes --most 20000",
         "jobs": "preview {small} --frames 1,9 --width 64 --jobs 2 --out out",
         "plan": "plan {small} --frames 1:9 --out out",
         "job": "job {small} --out out",

@@ -29,7 +29,7 @@ COMMANDS = {  # words, and the output's name
     "build": (["build", "SCENE", "--quiet"], "crowd.blend"),
     "bake": (["build", "SCENE", "--bake", "--quiet"], "crowd.blend"),
     "sample": (["sample", "chapter"], "chapter.blend"),
-    "error": (["report", "error", "SCENE", "--repeats", "1", "--quiet"], "out"),
+    "error": (["report", "error", "SCENE", "--quick", "--quiet"], "out"),
     "extremes": (["report", "extremes", "--most", "1000", "--quiet"], "table.md"),
     "scene": (["scene", "TRACKS", "--characters", "SCENE", "--quiet"], "crowd.blend"),
     "simulate": (
@@ -205,7 +205,7 @@ def test_a_folder_in_a_files_place_leaves_all_as_before(trials, tmp_path):
     for name, victim in {
         "preview": "report.html",
         "verify": "verify.json",
-        "error": "error_levels.svg",
+        "error": "report.html",
     }.items():
         out = tmp_path / name
         (out / victim).mkdir(parents=True)
@@ -240,7 +240,7 @@ def test_a_run_does_not_take_the_hidden_folder_of_another(trials, tmp_path):
     assert living.wait(300) == 0, living.stderr.read()
     assert (
         (out / "verify.json").exists()
-        and (out / "error_levels.svg").exists()
+        and (out / "report.html").exists()
         and not list(out.glob(".*"))
     )
 

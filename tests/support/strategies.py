@@ -6,13 +6,13 @@ What there is much of, such as agents and pixels, comes from a seed.
 from dataclasses import replace
 
 import numpy as np
-from crowd_lod_extension.benchmarks.cull_audit import LENSES, random_camera
 from crowd_lod_extension.crowd_lod.culling.camera import lens_blur
 from crowd_lod_extension.crowd_lod.culling.shutter import open_shutter
 from crowd_lod_extension.crowd_lod.levels.assignment import Bias, LevelPolicy
 from crowd_lod_extension.crowd_lod.world.height_map import HeightMap
 from hypothesis import strategies as st
 
+from .culling_audit import LENSES, random_camera
 from .shots import AREA, ground, machine, shot
 
 seeds = st.integers(0, 2**32 - 1)

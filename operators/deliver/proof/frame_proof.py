@@ -1,6 +1,6 @@
 """The proof of single frames: they are rendered with and without culling and LOD, and compared."""
 
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -92,15 +92,8 @@ class Proof:
         """
         scene = self.scene
         settings = scene.crowd_lod
-        every = range(2**31)
-        others = every if self.proved.kind == MADE else ()
         # also of LODs that are left out to save memory: they are what is proved
-        yield from render_setup.build(
-            self.crowd, [every, *[others] * (self.crowd.policy.count - 1)]
-        )
-        bake.mark(scene, self.task.frames)  # with motion blur its points move by themselves
-        render_setup.dress_all(scene)
-        # it holds what is written here, not what the frame asks
+        yield from build_full(self.crowd, self.task.frames, self.proved.kind == MADE)
         self.full = settings.build
         self.full.hide_viewport = True  # renders alone show it
         settings.build = None
@@ -264,6 +257,22 @@ class Proof:
         """Write the points of each bucket to the build at full detail."""
         for bucket, points in points_of(self.full).items():
             mesh_data.write_points(points.data, rows[bucket])
+
+
+def build_full(
+    crowd: SceneCrowd, frames: Sequence[int], with_lods: bool = False
+) -> Generator[float, None, None]:
+    """Build all characters at full detail, baked: it holds the points that are written to it.
+
+    Yields the progress.
+
+    with_lods: whether to build the LODs, too.
+    """
+    every = range(2**31)
+    others = every if with_lods else ()
+    yield from render_setup.build(crowd, [every, *[others] * (crowd.policy.count - 1)])
+    bake.mark(crowd.scene, frames)  # with motion blur its points move by themselves
+    render_setup.dress_all(crowd.scene)
 
 
 def everyone_there(planned: Frame) -> np.ndarray:

@@ -86,7 +86,7 @@ def verify(
         size = task.size(scene)
         sky = has_sky(scene) and scene.crowd_lod.sky_light
         _set_up(scene, task, proved, opened)
-        crowd = yield from work.take(unsure(_prepare_crowd(scene)), making)
+        crowd = yield from work.take(unsure(prepare_crowd(scene)), making)
         sharing.save(folder)
         with evaluation.step_frames(scene) as at:
             run = Proof(crowd, task, folder, at, size, proved, sky)
@@ -145,7 +145,7 @@ def _set_up(scene: bpy.types.Scene, task: Verify, proved: ProvedBuild, opened: E
     scene.view_layers[0].update()
 
 
-def _prepare_crowd(scene: bpy.types.Scene) -> Generator[float, None, SceneCrowd]:
+def prepare_crowd(scene: bpy.types.Scene) -> Generator[float, None, SceneCrowd]:
     """Measure the characters, and make LODs where there are none.
 
     Yields the progress and returns the crowd. CrowdError if something is wrong with the scene: it

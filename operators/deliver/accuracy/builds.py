@@ -1,0 +1,283 @@
+"""The files whose renders are measured, one for each way, and how wrong their outlines are."""
+
+from collections.abc import Generator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ....crowd_lod.frame.frame import Frame
+from ....crowd_lod.frame.index_cache import approach
+from ....crowd_lod.output import files
+from ....crowd_lod.progress import Workload, run_in_thread
+from ....crowd_lod.shot import plan_file
+from ....crowd_lod.validation.allowances import allowances
+from ....crowd_lod.validation.id_pictures import NOBODY as NO_AGENT
+from ....crowd_lod.validation.id_pictures import OUTLINE, judge
+from ...blender import cameras, console, evaluation, mesh_data, scene_data
+from ...blender.ownership import remove_owned
+from ...build import bake, cost_estimate, frame_update, render_setup
+from ...build.shelves import Bucket, BucketKind, points_of
+from ...build.visibility import hide_characters
+from ...plan import shot_plan
+from ...scene import lights
+from ...scene.characters.character_provenance import reading
+from ...scene.scene_crowd import read_crowd
+from ...scene.shot_reference import frame_of, path_of
+from ...scene.sources.record_points import on_record
+from ...settings.stored_figures import FULL, BuildCase
+from ..proof.frame_proof import build_full, everyone_there
+from ..proof.id_pictures import render_ids
+from ..proof.verify_build import columns_of_members
+from ..proof.verify_pictures import small
+from ..proof.verify_stage import Verify, set_up_cycles
+from .ways import EVERYONE, NOBODY, PLANNED, RenderWay, set_way
+
+FINER = 2  # samples of ids across a pixel
+LEAST_PIXELS = 3.0  # the radius of an agent's sphere whose outline is measured
+FREE = 3.0  # pixels between the spheres of agents that are measured
+MOST_MEASURED = 500  # agents of a frame
+
+
+@dataclass
+class Build:
+    """A file to render, and what is known of it before.
+
+    memory_mb, time_share: predicted, of the crowd; time as a part of that of CULLED. None if they
+        are not.
+    predicted: (m,) pixels, of the agents in sight of all frames, by which their LODs may be off.
+    errors: (k,) pixels by which outlines are off, of the agents that are measured.
+    missing: of these, who are not seen at all.
+    triangles: that the agents in sight show, the mean of the frames.
+    """
+
+    way: RenderWay
+    file: Path
+    memory_mb: float | None = None
+    time_share: float | None = None
+    predicted: list[np.ndarray] = field(default_factory=list)
+    errors: list[np.ndarray] = field(default_factory=list)
+    missing: int = 0
+    triangles: float = 0.0
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A frame at full detail.
+
+    agents: (m,) intp, those who are measured, in all ways. Their pictures show nobody else, and
+        they do not hide each other: a LOD alone moves their outlines.
+    count: of the crowd's agents.
+    ids: (rows, columns) int32, who is seen at each sample.
+    """
+
+    agents: np.ndarray
+    count: int
+    ids: np.ndarray = field(default_factory=lambda: np.empty(0))
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What is measured: ways, frames, and the width and samples of the pictures at most."""
+
+    ways: Sequence[RenderWay]
+    frames: Sequence[int]
+    width: int
+    samples: int
+
+
+def make_builds(base: Path, folder: Path, wanted: Wanted) -> Generator[float, None, list[Build]]:
+    """Write a file for each way, and judge its outlines; yields the progress.
+
+    Returns the builds. Another file is open afterwards.
+
+    base: the .blend file, whose LODs are made.
+    folder: for the files.
+    """
+    references: dict[int, Reference] = {}
+    builds = []
+    work = Workload(len(wanted.ways))
+    for number, way in enumerate(wanted.ways):
+        build = Build(way, folder / f"way_{number}.blend")
+        builds.append(build)
+        yield from work.take(_make(base, build, wanted, references), 1)
+    return builds
+
+
+def _make(
+    base: Path, build: Build, wanted: Wanted, references: dict[int, Reference]
+) -> Generator[float, None, None]:
+    """Write the file of a build, and judge it; yields the progress."""
+    with console.quiet():
+        bpy.ops.wm.open_mainfile(filepath=str(base), load_ui=False)
+    scene = bpy.context.scene
+    settings = scene.crowd_lod
+    way = build.way
+    if way.kind == NOBODY:
+        render_setup.remove_build(settings)
+        remove_owned(settings.levels)
+        bpy.data.batch_remove(settings.characters.all_objects)
+        bpy.data.orphans_purge(do_recursive=True)
+        _save(scene, build.file, wanted)
+        return
+    set_way(settings, way)
+    frames = wanted.frames
+    work = Workload(10)
+    if way.kind == PLANNED and path_of(settings) is None:
+        yield from work.take(_plan(scene, base.with_name("plan")))
+    if way.kind == EVERYONE:
+        yield from work.take(_build_everyone(scene, frames), 2)
+    else:
+        yield from work.take(_predict(scene, build, frames), 1)
+        yield from work.take(bake.bake(scene, frames), 2)
+    planned = yield from work.take(_planned(scene, frames), 1)
+    top = settings.build
+    hide_characters(scene)
+    bake.keep_what_renders(scene)
+    _save(scene, build.file, wanted)
+    if way.kind == EVERYONE:
+        references |= {number: _chosen(frame) for number, frame in planned.items()}
+    set_up_cycles(scene, Verify(list(frames), build.file.parent))
+    top.hide_render = False
+    _show_alone(scene, top, references)
+    for number in frames:
+        scene.frame_set(number)
+        seen = yield from work.take(render_ids(scene, FINER, build.file.parent), 1)
+        ids = np.where(seen[0] < references[number].count, seen[0], NO_AGENT)
+        if way.kind == EVERYONE:
+            references[number] = replace(references[number], ids=ids)
+        yield from run_in_thread(partial(_judge, build, planned[number], ids, references[number]))
+
+
+def _save(scene: bpy.types.Scene, path: Path, wanted: Wanted) -> None:
+    """Write the open file, set to the size and the samples of the pictures that are measured."""
+    render = scene.render
+    width, height = cameras.image_size(render)
+    narrow = min(width, wanted.width)
+    render.use_border = render.use_compositing = render.use_sequencer = False
+    render.use_multiview = False
+    scene.cycles.samples = min(scene.cycles.samples, wanted.samples)
+    scene.cycles.use_animated_seed = False
+    with small(scene, (narrow, max(1, round(narrow * height / width)))), console.quiet():
+        bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
+
+
+def _plan(scene: bpy.types.Scene, folder: Path) -> Generator[float, None, None]:
+    """Plan the scene's shot into `folder`; yields the progress."""
+    request = shot_plan.wanted_of(scene, folder, scene_data.frames_of(scene))
+    with files.staged(folder) as part:
+        yield from shot_plan.plan_into(part, scene, request, ["report"])
+    scene.crowd_lod.shot_plan = str(folder / plan_file.NAME)
+    scene.crowd_lod.use_shot_plan = True
+
+
+@on_record(lambda scene, frames: frames)
+def _build_everyone(scene: bpy.types.Scene, frames: Sequence[int]) -> Generator[float, None, None]:
+    """Build everyone at full detail, with the points of all frames; yields the progress."""
+    crowd = read_crowd(scene)
+    yield from build_full(crowd, frames)
+    top = scene.crowd_lod.build
+    planned = yield from _planned(scene, frames)
+    rows: dict[Bucket, list[Mapping[str, np.ndarray]]] = {}
+    for number, frame in planned.items():
+        shown = {Bucket(BucketKind.LOD, 0): everyone_there(frame)}
+        poses = frame_update.held_by(crowd, number, frame.crowd)
+        columns = columns_of_members(top, crowd.trajectory, shown, poses, number)
+        for bucket, each in columns.items():
+            rows.setdefault(bucket, []).append(each)
+    for bucket, points in points_of(top).items():
+        every = rows[bucket]
+        columns = {key: np.concatenate([each[key] for each in every]) for key in every[0]}
+        mesh_data.write_points(points.data, columns)
+
+
+def _predict(
+    scene: bpy.types.Scene, build: Build, frames: Sequence[int]
+) -> Generator[float, None, None]:
+    """Note what is predicted of the build's memory and time; yields the progress."""
+    estimate = yield from cost_estimate.estimate(scene, frames, known=True)
+    prices = estimate.prices
+    whole = prices[BuildCase(FULL, True)]
+    own = prices[BuildCase(scene.crowd_lod.choice, True)]
+    build.memory_mb = own.memory / 1e6
+    build.time_share = own.share(whole).seconds
+
+
+@on_record(lambda scene, frames: frames)
+def _planned(
+    scene: bpy.types.Scene, frames: Sequence[int]
+) -> Generator[float, None, dict[int, Frame]]:
+    """Return the plan of each frame; yields the progress."""
+    crowd = read_crowd(scene)
+    planned = {}
+    with evaluation.step_frames(scene) as at:
+        for number in frames:
+            time = scene_data.remap(scene.render, number)
+            yield from approach(crowd.trajectory, time)
+            moment = lights.read_moment(scene, time, at)
+            yield from reading(scene)
+            planned[number] = frame_of(crowd.at_present_frame(), moment)
+    return planned
+
+
+def _chosen(frame: Frame) -> Reference:
+    """Return the agents of a frame that are measured: drawn at random of those who are whole."""
+    camera = frame.camera
+    seen = frame.buckets.order
+    if frame.trajectory.wearer is not None:
+        seen = seen[frame.trajectory.wearer[seen] == seen]
+    spheres = frame.trajectory.spheres
+    v = np.stack(frame.crowd.places(spheres.center, seen, camera.origin))
+    radius = spheres.reach[frame.crowd.group[seen]]
+    x, y, depth = np.stack([camera.X, camera.Y, camera.Z]) @ v
+    scale = 1.0 if camera.kind == "ORTHO" else np.maximum(depth, 1e-9)
+    w = camera.window
+    left, low = x / scale - w.left, y / scale - w.bottom
+    wide, tall = w.right - w.left, w.top - w.bottom
+    pixels = camera.pixels[0] / wide
+    middle = np.stack([left, low], axis=1) * pixels
+    size = radius * pixels / (1.0 if camera.kind == "ORTHO" else np.maximum(depth - radius, 1e-9))
+    end = np.array([wide, tall]) * pixels
+    is_whole = ((middle > size[:, None]) & (middle < end - size[:, None])).all(axis=1)
+    is_whole &= (size >= LEAST_PIXELS) & (camera.kind != "PANO")
+    kept: list[int] = []
+    for agent in np.random.default_rng(0).permutation(np.flatnonzero(is_whole)):
+        apart = np.hypot(*(middle[kept] - middle[agent]).T)
+        if (apart > size[kept] + size[agent] + FREE).all():
+            kept.append(int(agent))
+        if len(kept) == MOST_MEASURED:
+            break
+    return Reference(seen[kept].astype(np.intp), len(frame.crowd))
+
+
+def _show_alone(
+    scene: bpy.types.Scene, top: bpy.types.Collection, references: Mapping[int, Reference]
+) -> None:
+    """Let renders of the bake `top` show the measured agents, and nothing else of the scene."""
+    own = set(top.all_objects)
+    for item in scene.objects:
+        item.hide_render |= item not in own
+    for bucket, points in points_of(top).items():
+        columns = mesh_data.read_points(points.data)
+        shown = np.zeros(len(columns["id"]), bool)
+        for number, reference in references.items() if bucket.is_seen else ():
+            shown |= (columns["frame"] == number) & np.isin(columns["id"], reference.agents)
+        mesh_data.write_points(points.data, {key: each[shown] for key, each in columns.items()})
+
+
+def _judge(build: Build, frame: Frame, ids: np.ndarray, reference: Reference) -> None:
+    """Note what the build's LODs are predicted and seen to be off in a frame."""
+    seen = frame.buckets.order
+    levels = frame.levels[seen].astype(np.intp)
+    found = allowances(frame, seen, levels, None)
+    predicted = found.predicted[seen]
+    build.predicted.append(predicted[np.isfinite(predicted)])
+    build.triangles += frame.triangles
+    judged = judge(reference.ids, ids, np.zeros(reference.count), found.depth)
+    outlines = [each for each in judged.values() if each.by == OUTLINE]
+    is_gone = [each.other_samples == 0 for each in outlines]
+    build.missing += sum(is_gone)
+    errors = [each.error for each, gone in zip(outlines, is_gone, strict=True) if not gone]
+    build.errors.append(np.array(errors) / FINER)
