@@ -34,6 +34,7 @@ PIECES = 400_000  # of one surface in a pose; where there would be more, the bou
 FIRST = 8  # points of each pose that are measured first, those which may be farthest off
 
 TOGETHER = 4_000  # points, or pieces, in all poses that fit in the processor's cache
+HOPELESS = 2.0  # times the distance asked for, of which it does not matter how much more it is
 ALONG = (0.25, 0.5, 0.75)  # parts of an edge where points lie
 # Where a place is far off, more are looked at: from a triangle's middle towards its edges, and on
 # either side along an edge. These are steps of barycentric weights.
@@ -146,15 +147,15 @@ class DistanceTo:
         self.interval.see(off[:, 0], target.base, at[:, 0])
         return MappedPoints(at, to, weights, off, off.copy())
 
-    def look_again(self, points: MappedPoints) -> None:
-        """Measure points in the poses where they may be farther off than any.
+    def look_again(self, points: MappedPoints, beyond: float = np.inf) -> None:
+        """Measure points in the poses where they may be farther off than any, or than `beyond`.
 
         What is nearest to a point in one pose is held against it in all others: a point seldom
         needs a search in more than two.
         """
         for most in (FIRST, None):
             for k in range(1, points.off.shape[1]):
-                far = np.flatnonzero(points.near[:, k] > self.interval.enough)
+                far = np.flatnonzero(points.near[:, k] > min(self.interval.enough, beyond))
                 if most is not None and len(far) > most:
                     far = far[np.argpartition(-points.near[far, k], most)[:most]]
                 for block in blocks(len(far), TOGETHER):
@@ -307,30 +308,41 @@ def estimate_distances(
     surface: MovingSurface,
     other: MovingSurface,
     parts: Sequence[tuple[SurfacePoints, SurfacePoints]],
-) -> list[float]:
-    """Estimate what `bound_distance` measures, part by part.
+    beyond: float,
+) -> tuple[list[float], np.ndarray]:
+    """Estimate what `bound_distance` measures, part by part and point by point.
 
     parts: of each, such as an object, the points of `surface` and those of `other`, whose distances
         from the whole of the other surface count. Those of a triangle of `other` count where what
         is nearest of `surface` to one of its corners counts.
 
-    Returns the distance of each part, meters.
+    Returns the distance of each part, and that of each point of `surface`, (n,) meters: the largest
+    of places nearest to it, of either surface. Of a point that is no farther off than `beyond` this
+    may be too much. A part that is HOPELESS in the first pose is not looked at in the others.
     """
     poses = slice(0, surface.points.shape[1])
+    away = np.zeros(len(surface.points))
     distances = []
     for places, other_places in parts:
         interval = begin_interval(surface)
         there = DistanceTo(Target(other, poses), interval)
         back = DistanceTo(Target(surface, poses), interval)
         points = there.map_points(places.at(surface.points))
-        other_points = _map_counted(back, other_places, other)
-        there.look_again(points)
-        back.look_again(other_points)
+        other_points = _map_counted(back, other_places, other, beyond)
+        if interval.measured <= HOPELESS * beyond:
+            there.look_again(points, beyond)
+            back.look_again(other_points, beyond)
+        nearest = _nearest_corner(places.corners, places.weights)
+        np.maximum.at(away, nearest, points.near.max(axis=1))
+        nearest = _nearest_corner(surface.triangles[other_points.to], other_points.weights)
+        np.maximum.at(away, nearest, other_points.near.max(axis=1))
         distances.append(interval.measured)
-    return distances
+    return distances, away
 
 
-def _map_counted(way: DistanceTo, places: SurfacePoints, surface: MovingSurface) -> MappedPoints:
+def _map_counted(
+    way: DistanceTo, places: SurfacePoints, surface: MovingSurface, beyond: float
+) -> MappedPoints:
     """Map those points of a LOD's surface that count, and more of them along edges far off.
 
     Those of a triangle count if what is nearest to one of its corners does.
@@ -347,9 +359,7 @@ def _map_counted(way: DistanceTo, places: SurfacePoints, surface: MovingSurface)
         at = at[count]
         to = to[count]
     points = way.map_points(at, to)
-    far = places.of(
-        (points.near.max(axis=1) > way.interval.enough / 2) & (places.weights[:, 0] < 1)
-    )
+    far = places.of((points.near.max(axis=1) > beyond / 2) & (places.weights[:, 0] < 1))
     if not len(far.corners):
         return points
     middle = far.weights[:, 2] > 0
@@ -359,6 +369,11 @@ def _map_counted(way: DistanceTo, places: SurfacePoints, surface: MovingSurface)
         np.concatenate([far.weights + step for step in steps]),
     )
     return points.join(way.map_points(finer.at(surface.points)))
+
+
+def _nearest_corner(corners: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Return the one of corners (s, 3) with the largest of weights (s, 3), (s,)."""
+    return np.take_along_axis(corners, weights.argmax(axis=1)[:, None], axis=1)[:, 0]
 
 
 def upper_distances(

@@ -15,6 +15,7 @@ ALIKE = 1e-3  # mean change of an edge's turn, below which poses are alike
 AXES = 1e-3
 # sizes of the mesh between its copies in the poses, so that no copy is nearest to another
 GAP = 2.0
+REST_SCALE = 2.0  # how much larger the copy at rest is, so that distances count more there
 
 
 @dataclass(frozen=True)
@@ -92,16 +93,15 @@ class Skin:
         a, b = triangles[:: len(triangles) // COMPARED + 1, [0, 1]].T
         # from one end of a side to the other: what a turn of all together leaves as it is
         turns = np.einsum("kmji,kmjl->kmil", self.frame[:, a], self.frame[:, b]) - np.eye(3)
-        unlike = np.full(turns.shape[:2], np.inf)  # of each side in each pose
+        unlike = np.full(len(turns), np.inf)
         count = count or POSES
         indices: list[int] = []
         new = np.zeros_like(turns[0])
         while len(indices) < count:
-            unlike = np.minimum(unlike, np.sqrt(((turns - new) ** 2).sum(axis=(2, 3))))
-            bent = unlike.mean(axis=1)
-            if bent.max(initial=0) < ALIKE:
+            unlike = np.minimum(unlike, np.sqrt(((turns - new) ** 2).sum(axis=(2, 3))).mean(axis=1))
+            if unlike.max(initial=0) < ALIKE:
                 break
-            indices.append(int(bent.argmax()))
+            indices.append(int(unlike.argmax()))
             new = turns[indices[-1]]
         return Skin(self.rest, self.place[indices], self.frame[indices]) if indices else None
 
@@ -156,16 +156,18 @@ class Copies:
     """A mesh at rest and in its poses, side by side as one mesh.
 
     Whatever measures it measures all of them at once. Copy j of point, or triangle, i is number i *
-    count + j; the first is at rest.
+    count + j; the first is at rest, and REST_SCALE times as large if there are others:
+    there distances count more.
     """
 
     def __init__(self, skin: Skin | None):
         self.skin = skin
         self.count = 1 if skin is None else 1 + len(skin.place)
+        self.rest = REST_SCALE if self.count > 1 else 1.0
         if skin is not None:
             low = skin.place.min(axis=1)
             high = skin.place.max(axis=1)
-            gap = GAP * max(np.ptp(skin.rest, axis=0).max(), (high - low).max())
+            gap = GAP * self.rest * max(np.ptp(skin.rest, axis=0).max(), (high - low).max())
             self.shift = gap * np.arange(1, self.count) - low[:, 0]
 
     def every(self, numbers: np.ndarray) -> np.ndarray:
@@ -182,7 +184,7 @@ class Copies:
         return values.reshape(-1, self.count).max(axis=1)
 
     def at(self, points: np.ndarray, follows: np.ndarray) -> np.ndarray:
-        """All copies (3, k * count) of points (3, k) at rest.
+        """All copies (3, k * count) of points (3, k) of the larger copy at rest.
 
         follows: (k,) what each moves with.
         """
@@ -190,7 +192,7 @@ class Copies:
         every[..., 0] = points
         if self.skin:
             for j in range(1, self.count):
-                every[..., j] = self.skin.at(j - 1, points, follows)
+                every[..., j] = self.skin.at(j - 1, points / self.rest, follows)
                 every[0, :, j] += self.shift[j - 1]
         return every.reshape(3, -1)
 
@@ -200,7 +202,7 @@ class Copies:
         """The offsets at rest that come nearest to those wanted in all copies.
 
         weight: (k * count,); ways: (3, k * count), weighed. Returns the weight (k,) and weighed
-        offsets (3, k) at rest.
+        offsets (3, k) of the larger copy at rest.
         """
         weight = weight.reshape(-1, self.count)
         ways = ways.reshape(3, -1, self.count)
@@ -208,6 +210,6 @@ class Copies:
         way = ways[..., 0].copy()
         if self.skin:
             for j in range(1, self.count):
-                total += weight[:, j] * self.skin.stretch[j - 1].take(follows)
-                way += self.skin.back(j - 1, ways[..., j], follows)
+                total += weight[:, j] * self.skin.stretch[j - 1].take(follows) / self.rest**2
+                way += self.skin.back(j - 1, ways[..., j], follows) / self.rest
         return total, way

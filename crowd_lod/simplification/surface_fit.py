@@ -97,7 +97,9 @@ class SurfaceFit:
     def _in_copies(self, mesh: Mesh, follows: np.ndarray) -> TriangleMesh:
         """The mesh at rest and in each pose, side by side; follows: see __init__."""
         copies = self.copies
-        return TriangleMesh(copies.at(mesh.points.T, follows), copies.every(mesh.triangles.T))
+        return TriangleMesh(
+            copies.at(copies.rest * mesh.points.T, follows), copies.every(mesh.triangles.T)
+        )
 
     def _choose_source_samples(self, n: int) -> np.ndarray:
         """The vertices of the source, in all copies, that are samples: at rest all that are left.

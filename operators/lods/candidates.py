@@ -70,7 +70,7 @@ MOST_GOALS = 100  # whose measurements are kept
 LEAST_TRIANGLES = 300  # a character of fewer needs no LOD, and is not worth a search
 FOLLOWING = 0.5  # by distance, the LOD after a given one has at most this part of its triangles
 DIGITS = 12  # of a hash: as many as a goal can hold
-VERSION = 30  # of the code that makes LOD meshes: with another one they are made anew
+VERSION = 29  # of the code that makes LOD meshes: with another one they are made anew
 
 
 def _untouched(home: bpy.types.Collection) -> bool:
@@ -107,7 +107,6 @@ class Ladder:
     homes: goal -> the collection of that candidate's objects; new_homes: those of them that were
         made now.
     given: LODs that artists made, by goal; counts: their vertices and triangles.
-    looked: the goals of LODs that were looked at between the poses.
     costs: of the work on it.
     """
 
@@ -136,7 +135,6 @@ class Ladder:
         self.artists = given
         self.given: dict[float, GivenLod] = {}
         self.counts: dict[float, tuple[int, int]] = {}
-        self.looked: set[float] = set()
         self.search: Search | None = None
         self.costs = LodCosts()
 
@@ -287,11 +285,14 @@ class Ladder:
             yield from work.take(self._note(goal, counts, deviation))
 
     def _measure_given(self, goal: float) -> Iterator[float]:
-        """Measure a LOD that was given."""
-        work = Workload(1)
+        """Measure a LOD that was given, by tolerance in further frames as well."""
+        work = Workload(10 if self.searched else 7)
         counts = yield from work.take(self._make(goal))
         level = list(self.homes[goal].objects)
-        deviation = yield from work.take(self.judge.level(level, self.goals.index(goal)), 1)
+        deviation = yield from work.take(self.judge.level(level, self.goals.index(goal)), 7)
+        if self.searched:
+            steps = self.judge.look_between([level], [deviation])
+            (deviation,) = yield from work.take(steps, 3)
         yield from work.take(self._note(goal, counts, deviation))
 
     def _make(self, goal: float) -> Generator[float, None, tuple[int, int]]:
@@ -386,20 +387,19 @@ class Ladder:
             row += (shaded,)
         self.measured.rows[goal] = row
 
-    def look_between(self, goals: Sequence[float]) -> Generator[float, None, bool]:
-        """Look at LODs that were made anew in further frames, unless that is done.
+    def look_between(self, goals: Sequence[float]) -> Iterator[float]:
+        """Look at LODs that were made anew in further frames, which may raise their bounds.
 
-        Yields the progress. Returns whether that has raised a bound.
+        By tolerance the search has done so.
         """
+        if self.searched:
+            return
         rows = self.measured.rows
-        new = [goal for goal in goals if goal in self.new_homes and goal not in self.looked]
-        self.looked.update(new)
+        new = [goal for goal in goals if goal in self.new_homes]
         levels = [list(self.homes[goal].objects) for goal in new]
-        before = [rows[goal][2:6] for goal in new]
-        deviations = yield from self.judge.look_between(levels, before)
+        deviations = yield from self.judge.look_between(levels, [rows[goal][2:6] for goal in new])
         for goal, deviation in zip(new, deviations, strict=True):
             rows[goal] = (*rows[goal][:2], *deviation, *rows[goal][6:])
-        return deviations != before
 
     def guess(self, group: Group, usual: Sequence[float]) -> Group:
         """Return the group with measured or guessed values of all candidates.

@@ -14,9 +14,9 @@ from ..scene.scene_crowd import policy_of
 # one of its LODs, for the square root of these thousands.
 LOAD = 0.01  # its meshes as they are
 READ = 0.11  # its meshes in all poses
-SEARCH = 1.2  # finding the LOD of a length
+SEARCH = 2.3  # finding the LOD of a length
 MAKE = 0.4  # making the LOD of a ratio, and measuring it
-LOOK = 0.07  # looking at a LOD between the poses
+LOOK = 0.07  # looking at the LOD of a ratio between the poses
 FURTHER = 0.35  # searches that the result of a search calls for, on average
 
 
@@ -55,7 +55,7 @@ class LodCosts:
     @property
     def look(self) -> float:
         """That of looking at all LODs between the poses."""
-        return self._size * LOOK * self.count
+        return 0.0 if self.searched else self._size * LOOK * self.count
 
     @property
     def expected(self) -> float:

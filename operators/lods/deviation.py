@@ -1,7 +1,7 @@
 """How far each LOD lies from its character, over the poses of its action."""
 
 from collections.abc import Generator, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
@@ -27,6 +27,26 @@ from .unseen_frames import Looked, Watched, look_at, moments_beside, moments_bet
 SOLID = ("MESH", "CURVE", "SURFACE", "META", "FONT")  # types of objects that have faces
 LOOKED = 0.25  # what looking at a LOD in further frames costs, as a part of measuring it
 BELOW = 5e-5  # of the size: no frame exceeds a bound by less
+
+
+@dataclass(frozen=True)
+class DeviationEstimate:
+    """What is roughly known of a LOD.
+
+    deviations: for each of its objects meters, the larger one of its distance from all of the
+        character, and of the character's object from all of the LOD. Only visible places count, in
+        some poses and at some points.
+    away: for each object of the character the deviation at each of its vertices, (k,) meters. Where
+        that is not beyond the length asked for, it may be too small.
+    """
+
+    deviations: list[float]
+    away: list[np.ndarray]
+
+    @property
+    def deviation(self) -> float:
+        """Meters, of all objects together."""
+        return max(self.deviations)
 
 
 class Measure:
@@ -85,6 +105,14 @@ class Measure:
         self.character = yield from work.take(run_in_thread(lambda: PosedSurface(shapes)), 2)
         yield from work.take(run_in_thread(lambda: self.character.visible), 5)
 
+    def visible(self, number: int) -> np.ndarray:
+        """Return which vertices of the object someone may see, (n,) bool, as it is evaluated.
+
+        Its triangles count where one of their corners is visible. The character must be read.
+        """
+        begin, end = self.character.shapes[0].begins[number : number + 2]
+        return self.character.visible[0][begin:end]
+
     def vertices_at(self, number: int, points: np.ndarray) -> np.ndarray:
         """Return which of the object's vertices are nearest to points in the first pose, (s,) intp.
 
@@ -116,27 +144,35 @@ class Measure:
         begins = self.character.shapes[pose].begins
         return [np.flatnonzero(of_object) for of_object in np.split(is_around, begins[1:-1])]
 
-    def estimate(self, objects: Sequence[bpy.types.Object]) -> Generator[float, None, list[float]]:
+    def estimate(
+        self, objects: Sequence[bpy.types.Object], beyond: float = np.inf
+    ) -> Generator[float, None, DeviationEstimate]:
         """Measure a LOD roughly but quickly; yield between steps. The character must be read.
 
         objects: the LOD's, one for each of the character's, in their order.
-        Returns for each of these meters, the larger one of its distance from all of the character,
-        and of the character's object from all of the LOD. Only visible places count, in some poses
-        and at some points. Deviations are infinite where the LOD has no face.
+        beyond: meters, from which on vertices are told exactly.
+        Deviations are infinite where the LOD has no face.
         """
         run = max(self.character.runs, key=len)
         shapes = yield from read_shapes(objects, [self.frames[k] for k in run], self.performance)
-        return (yield from run_in_thread(lambda: self._estimate(run, shapes)))
+        return (yield from run_in_thread(lambda: self._estimate(run, shapes, beyond)))
 
-    def _estimate(self, run: list[int], shapes: list[PosedMesh]) -> list[float]:
+    def _estimate(
+        self, run: list[int], shapes: list[PosedMesh], beyond: float
+    ) -> DeviationEstimate:
         """Return the estimate of a LOD of these `shapes` in the poses of the run."""
         lod = merge([shape.points for shape in shapes], shapes[0].triangles)
         if lod is None:
-            return [np.inf] * (len(shapes[0].begins) - 1)
+            return DeviationEstimate(
+                [np.inf] * (len(shapes[0].begins) - 1),
+                [np.full(n, np.inf) for n in np.diff(self.character.shapes[0].begins)],
+            )
         character = self.character.surface(run)
-        firsts = (character, self.character.shapes[run[0]]), (lod, shapes[0])
-        parts = list(zip(*(parts_of(*each) for each in firsts), strict=True))
-        return estimate_distances(character.moving, lod.moving, parts)
+        first = self.character.shapes[run[0]]
+        parts = list(zip(parts_of(character, first), parts_of(lod, shapes[0]), strict=True))
+        deviations, away = estimate_distances(character.moving, lod.moving, parts, beyond)
+        away = np.append(away, 0.0)[character.place]  # loose vertices are at -1
+        return DeviationEstimate(deviations, np.split(away, first.begins[1:-1]))
 
     def whole(self) -> Generator[float, None, Measured]:
         """Return what `level` does of a LOD that is the character itself, without measuring."""
@@ -190,10 +226,6 @@ class Measure:
         ):
             return rows
         work = Workload(10)
-        for k, lod in zip(indices, lods, strict=True):
-            later = self.frames[len(lod.shapes) :]  # poses that were learned after it was measured
-            for shape in (yield from work.take(read_shapes(levels[k], later, self.performance))):
-                lod.add(shape)
         pairs = yield from work.take(run_in_thread(lambda: _watched_pairs(self.character, lods)))
         with Posed(self.objects, [levels[k] for k in indices], self.performance) as posed:
             off = yield from work.take(look_at(posed, moments, pairs), 8)

@@ -1,9 +1,8 @@
-"""Search for the LOD of few triangles that deviates by a length at most.
+"""Search for the LOD with the fewest triangles that deviates by a length at most.
 
-Each object of a character has a curve, deviation over triangles, of the LODs that were tried. A
-length reads counts off the curves, and what is made of them is estimated, all objects together, as
-they are seen together: an object that is too far off, or much nearer than it may be, is read once
-more. Then the whole is measured, and if that is too far off, the curves learn where.
+Each object of a character has a curve of its own, triangles over deviation: one that is smooth, or
+that others hide, takes few. All are tried at once, and measured together, as they are seen
+together.
 """
 
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -16,28 +15,35 @@ import numpy as np
 
 from ...crowd_lod.levels.selection import read_curve
 from ...crowd_lod.progress import Workload, run_in_thread
-from .deviation import Measure
+from .deviation import DeviationEstimate, Measure
 from .dispensable import find_dispensable
 from .level_objects import LEAST, discard
 from .source_mesh import Source
 
-USUAL = 1.065  # usual bound of a LOD, as a multiple of its estimated deviation
-# parts of the length: what a try aims at, and what it may deviate by at least to be near enough
-AIM = 0.93
-CLOSE = 0.8
-TRIES = 3  # of an object before the whole is measured, at most; as many more where none fits
-MEASURES = 4  # of the whole, at most
-MOST_STEP = 4.0  # times as many triangles as all tries before, or as few, a try has at most
-ALIKE = 0.02  # ratios that differ by this part give the same LOD, about
-STEP = 1.3  # times as many triangles a try has where as many as the curve tells are too few
-NEARLY_ALL = 0.9  # of the triangles: with more a LOD is hardly worth a try but as the whole itself
+LEFT = 0.1  # part of a search that is left after the first measurement of the whole, on average
+FITTED = 0.72  # part of a try of a length after which the whole is measured
+LEFT_OF_ROUND = 0.5  # part of the tries that is left after one, on average
+TRIED = 0.4  # part of such a round that making takes; the rest is to estimate what was made
+ROUNDS = 5  # tries of a length, at most, before the whole is measured
+# The whole is measured so many times at most. Each time tries aim at the length divided by this:
+# where no estimate sees what is lost, such as an arm, more triangles keep it.
+SAFE = 1.0, 1.0, 1.0, 1.3, 2.6
+CLOSE = 0.92  # a LOD that deviates by this part of the length is not made coarser
+AIM = 0.96  # part of the length that tries aim at, between CLOSE and 1
+# A try has at least STEP, at most MOST_STEP times as many triangles as those before, or as few. In
+# between earlier tries it differs by WIDE at most.
+STEP = 1.08
+MOST_STEP = 6.0
+WIDE = 2.0
+USUAL = 1.08  # usual bound of a LOD, as a multiple of its estimated deviation
+# Where only this part of a try's vertices is too far off, these vertices, its spots, weigh HEAVIER
+# in the next tries. With more spots, or heavier ones, more is lost beside them than won at them. A
+# second time wins nothing.
+FEW_SPOTS = 0.003
+HEAVIER = 8.0
 # What stands in for objects left out may be off by this part of the length at least.
 NEAREST = 0.1
 BELOW = 1e-9  # a division by less says nothing
-LEFT = 0.3  # part of a search that is left after the first measurement of the whole, on average
-FITTED = 0.6  # part of a try of a length after which the whole is measured
-LEFT_OF_ROUND = 0.4  # part of the tries that is left after one, on average
-TRIED = 0.6  # part of such a round that making takes; the rest is to estimate what was made
 
 Figures = tuple[float, float, float, float]  # see Measure.level
 Make = Callable[[Source, float], Generator[Any, None, tuple[bpy.types.Object, int, int]]]
@@ -47,15 +53,29 @@ Make = Callable[[Source, float], Generator[Any, None, tuple[bpy.types.Object, in
 class Try:
     """An object of a LOD that was made.
 
-    item: it; vertices, triangles: how many it has; ratio: the part of the triangles asked for.
-    deviation: meters, as far as is known.
+    item: it; vertices, triangles: how many it has; ratio: the part of the triangles asked for;
+    weighed: whether spots were heavier; deviation: meters, as estimated.
+    away: (n,) meters, that of each vertex of the source; poses: in how many.
     """
 
     item: bpy.types.Object
     vertices: int
     triangles: int
     ratio: float
+    weighed: bool = False
     deviation: float = 0.0
+    away: np.ndarray = field(default_factory=lambda: np.zeros(1))
+    poses: int = 0
+
+    @property
+    def reachable(self) -> float:
+        """Return the deviation but for a few spots, which can be mended."""
+        return min(float(np.quantile(self.away, 1 - FEW_SPOTS)), self.deviation)
+
+    @property
+    def likely(self) -> float:
+        """Return about the deviation of a LOD with as many triangles, whose spots are heavier."""
+        return float(np.sqrt(self.reachable * self.deviation))
 
 
 @dataclass
@@ -63,20 +83,19 @@ class LodCurve:
     """What is known of an object's LODs.
 
     source: the object's.
-    known_tries: of all lengths; tries: those of this length, whose objects are still there.
-    dispensable: whether LODs of this length leave the object out.
-    again: a ratio to try once more, as something weighs more now; 0 for none; weighed: whether that
-        was so for this length.
+    known_tries: of all lengths.
+    tries: those of this length, whose objects are still there.
+    weighed: whether spots are heavier, for this length.
+    dispensable: whether its LODs leave the object out.
     evaluated: (n,) which vertex of the evaluated object each of the source's is; None before that
-        is asked for.
+    is asked for.
     """
 
     source: Source
     known_tries: list[Try] = field(default_factory=list)
     tries: list[Try] = field(default_factory=list)
-    dispensable: bool = False
-    again: float = 0.0
     weighed: bool = False
+    dispensable: bool = False
     evaluated: np.ndarray | None = None
 
     @property
@@ -87,20 +106,25 @@ class LodCurve:
     def ratio_for(self, length: float) -> float:
         """Return the part of the triangles with which a LOD deviates by `length` meters.
 
-        Some try must be known. The first of a length has no more than a smooth surface would need:
-        half the triangles are twice as far off.
+        Some try must be known.
         """
-        pairs = [(max(each.deviation, length / MOST_STEP), each.ratio) for each in self.known_tries]
+        pairs = self._measured_pairs(length)
         ratio = float(read_curve([AIM * length], pairs, -1.0)[0])
-        if not self.tries:
-            off, part = max((pair for pair in pairs if pair[0] <= length), default=(length, ratio))
-            ratio = min(ratio, part * off / (AIM * length))
-        ratios = [part for _, part in pairs]
-        most = max(ratios)
-        ratio = min(max(ratio, min(ratios) / MOST_STEP), most * MOST_STEP)
-        if ratio >= 1.0 and most < NEARLY_ALL:
-            ratio = most**0.5  # all triangles would tell nothing: half the way there
+        # a try with all triangles would tell nothing: go half the way there at most
+        ratio = min(ratio, max(part for _, part in pairs) ** 0.5)
         return min(max(ratio, LEAST / max(self.count, 1)), 1.0)
+
+    def _measured_pairs(self, length: float) -> list[tuple[float, float]]:
+        """Return (meters, part of the triangles) of the known tries.
+
+        Those that deviate far less than `length` count as if it were a little less.
+        """
+        least = length / MOST_STEP
+        tries = [attempt for attempt in self.known_tries if attempt.deviation > least]
+        return [
+            (max(attempt.deviation if self.weighed else attempt.likely, least), attempt.ratio)
+            for attempt in tries or self.known_tries
+        ]
 
     def best(self, length: float) -> Try:
         """Return the try of fewest triangles that deviates by `length` at most, or the nearest."""
@@ -108,6 +132,23 @@ class LodCurve:
         if not fitting:
             return min(self.tries, key=lambda attempt: attempt.deviation)
         return min(fitting, key=lambda attempt: attempt.triangles)
+
+    def weigh_spots(self, length: float) -> float:
+        """Let the places of the last try that are too far off weigh more, if they are few.
+
+        Returns the part of the triangles for the next try, the same again; 0 without such places.
+        """
+        last = self.tries[-1]
+        if not last.reachable <= length < last.deviation or self.weighed:
+            return 0.0
+        triangles = self.source.geometry.triangles
+        weight = self.source.weight
+        weight = np.ones(len(self.source.geometry.points)) if weight is None else weight.copy()
+        spots = last.away > length
+        weight[np.unique(triangles[spots[triangles].any(axis=1)])] *= HEAVIER
+        self.source.weight = weight
+        self.weighed = True
+        return last.ratio
 
     def next_try(self, length: float, about: float) -> float | None:
         """Return the ratio to try next; None if the best try will do.
@@ -119,19 +160,11 @@ class LodCurve:
             return None if self.tries else whole
         if not self.known_tries:
             return about
-        if self.again:
-            ratio, self.again = self.again, 0.0
-            return ratio
-        near_enough = CLOSE * length if len(self.tries) < TRIES else 0.0
-        if self.tries and near_enough <= self.best(length).deviation <= length:
+        if not self.tries:
+            return self.ratio_for(length)
+        if CLOSE * length <= self.best(length).deviation <= length:
             return None
-        ratio = self.ratio_for(length)
-        tried = [attempt.ratio for attempt in self.tries]
-        if not any(abs(ratio / other - 1) < ALIKE for other in tried):
-            return ratio
-        if self.best(length).deviation <= length or max(tried) == 1.0:
-            return None
-        return min(1.0, STEP * max(tried))
+        return self._apart(self.weigh_spots(length) or self.ratio_for(length), length)
 
     def bring_back(self) -> None:
         """Let LODs of this length have the object that those before left out."""
@@ -143,7 +176,18 @@ class LodCurve:
         """Remove the objects that were tried for a length, but for the chosen ones."""
         discard([attempt.item for attempt in self.tries if attempt not in chosen])
         self.tries = []
+        self.source.weight = None
         self.weighed = False
+
+    def _apart(self, ratio: float, length: float) -> float | None:
+        """Return `ratio`, or a greater one if it was tried; None if there is nothing to try."""
+        tried = [attempt.ratio for attempt in self.tries if attempt.weighed == self.weighed]
+        if any(ratio / STEP < other < ratio * STEP for other in tried):
+            if self.best(length).deviation <= length or max(tried) == 1.0:
+                return None
+            nearest = min(attempt.reachable for attempt in self.tries)
+            return min(1.0, max(tried) * min(max(nearest / length, STEP**2), WIDE))
+        return ratio
 
 
 class Search:
@@ -159,77 +203,97 @@ class Search:
         self.by = by
         self.curves = [LodCurve(source) for source in sources]
         self.nearness = 1.0  # see NEAREST
-        self.looked = False  # whether a LOD was looked at between the poses
 
     def find(
         self, length: float, about: float
     ) -> Generator[float, None, tuple[list[Try], Figures]]:
-        """Find the LOD of few triangles whose bound is `length` meters at most.
+        """Find the LOD of fewest triangles whose bound is `length` meters at most.
 
         about: the part of the triangles that it takes, as far as is known.
         Yields the progress. Returns its objects and what was measured of them. Where none fits,
-        these are those of the least bound.
+        these are the character's own.
         """
-        aim = length / USUAL
         work = Workload(1)
-        yield from work.take(self._leave_out(aim))
-        found: list[tuple[list[Try], Figures]] = []
-        for _ in range(MEASURES):
+        yield from work.take(self._leave_out(length / USUAL))
+        fitting = yield from work.take(self._fitting(length, about), 1)
+        if fitting is None:
+            objects = yield from work.take(self._whole())
+            fitting = objects, (yield from work.take(self._measure(objects, length)))
+        for curve in self.curves:
+            curve.end_length(fitting[0])
+        return fitting
+
+    def _fitting(
+        self, length: float, about: float
+    ) -> Generator[float, None, tuple[list[Try], Figures] | None]:
+        """Find a LOD whose bound is `length` meters at most, as `find` does; None if none fits.
+
+        The tries aim at the length first. Where the whole is then farther off than they were
+        estimated, they learn from it, and aim at less the next time.
+        """
+        measured_before: list[list[Try]] = []
+        work = Workload(1)
+        for finer in SAFE:
             cost = (1 - LEFT) * work.left
+            aim = length / (USUAL * finer)
             yield from work.take(self._fit(aim, about), FITTED * cost)
             objects = self._best(aim)
-            if any(objects == before for before, _ in found):
-                break
-            measured = yield from work.take(self._measure(objects), (1 - FITTED) * cost)
-            found.append((objects, measured))
+            if objects in measured_before:
+                continue
+            measured_before.append(objects)
+            measured = yield from work.take(self._measure(objects, length), (1 - FITTED) * cost)
             if measured[1] <= length:
-                break
-            yield from work.take(self._learn(objects, measured[1] / USUAL))
+                return objects, measured
+            yield from work.take(self._learn(objects, aim, measured[1] / USUAL))
             self._mend_left_out(aim)
-        best = min(found, key=lambda each: max(each[1][1], length))
-        for curve in self.curves:
-            curve.end_length(best[0])
-        return best
+        return None
 
-    def _measure(self, objects: list[Try]) -> Generator[float, None, Figures]:
-        """Measure a LOD; the first one of the character also in frames between the poses.
+    def _measure(self, objects: list[Try], length: float) -> Generator[float, None, Figures]:
+        """Measure a LOD; if it fits `length` in the poses, then also in frames between them.
 
         Yields the progress.
         """
         items = [attempt.item for attempt in objects]
         work = Workload(2)
         measured = yield from work.take(self.by.level(items, 1), 1)
-        if not self.looked:
-            self.looked = True
+        if measured[1] <= length:
             (measured,) = yield from work.take(self.by.look_between([items], [measured]), 1)
         return measured
 
-    def _learn(self, objects: list[Try], deviation: float) -> Iterator[float]:
-        """Note that a LOD deviates by more than was estimated, as the whole measure has found.
+    def _learn(self, objects: list[Try], aim: float, deviation: float) -> Iterator[float]:
+        """Note that a LOD deviates by more than its estimate, as the whole measure has found.
 
-        Where it is off, the character weighs more from now on, and as many triangles are tried
-        again. If it did already, as few triangles count as no nearer. Yields between steps.
+        Its worst place is in a frame that was found just now, or where no estimate looks: between
+        samples, or at thin parts that are lost. Coarser tries count as no nearer. Yields between
+        steps.
 
-        deviation: meters, as estimates are.
+        aim, deviation: meters, as estimates are.
         """
-        around = yield from run_in_thread(self.by.worst_vertices)
-        for number, vertices in enumerate(around):
-            curve = self.curves[number]
-            if not (len(vertices) and curve.count):
-                continue
-            source = curve.source
-            if curve.evaluated is None:
-                points = source.skin.place[0] if source.skin else source.geometry.points
-                finding = partial(self.by.vertices_at, number, points)
-                curve.evaluated = yield from run_in_thread(finding)
-            ratio = objects[number].ratio
-            spots = np.isin(curve.evaluated, vertices)
-            if source.decimation and source.decimation.weigh(spots) and not curve.weighed:
-                curve.weighed = True
-                curve.again = ratio
-            for attempt in curve.known_tries:
-                if attempt.ratio <= ratio:
-                    attempt.deviation = max(attempt.deviation, deviation)
+        before = [attempt.deviation for attempt in objects]
+        if any(attempt.poses < len(self.by.frames) for attempt in objects):
+            estimate = yield from self.by.estimate([attempt.item for attempt in objects], aim)
+            for number, attempt in enumerate(objects):
+                yield from self._note(number, attempt, estimate)
+            missed = [int(np.argmax(estimate.deviations))]
+        else:
+            around = yield from run_in_thread(self.by.worst_vertices)
+            missed = [number for number, vertices in enumerate(around) if len(vertices)]
+            for number in missed:
+                if self.curves[number].count:
+                    spots = np.isin(self.curves[number].evaluated, around[number])
+                    objects[number].away[spots] = deviation
+        for number in missed:
+            worst = objects[number]
+            worst.deviation = max(worst.deviation, deviation)
+            for other in self.curves[number].tries:
+                if other.poses < len(self.by.frames):  # others are as much farther off there, about
+                    other.deviation *= worst.deviation / max(before[number], aim / MOST_STEP)
+                if other.ratio < worst.ratio:
+                    other.deviation = max(other.deviation, worst.deviation)
+
+    def _whole(self) -> Generator[float, None, list[Try]]:
+        """Make the objects of the character itself, as no LOD fits."""
+        return (yield from self._try([1.0] * len(self.curves)))
 
     def _fit(self, length: float, about: float) -> Generator[float, None, None]:
         """Try until each object's best try deviates by about `length`, as estimated.
@@ -237,12 +301,13 @@ class Search:
         Yields the progress.
         """
         work = Workload(1)
-        for _ in range(2 * TRIES):
+        for k in range(ROUNDS):
             cost = (1 - LEFT_OF_ROUND) * work.left
             near = length * self.nearness
             plans = [curve.next_try(near, about) for curve in self.curves]
             if all(ratio is None for ratio in plans):
-                if not self._mend_left_out(length):
+                missed = yield from work.take(self._miss_left_out(length))
+                if k + 1 == ROUNDS or not missed:
                     return
                 continue
             attempts = yield from work.take(self._try(plans), TRIED * cost)
@@ -250,16 +315,14 @@ class Search:
                 new or curve.best(near) for new, curve in zip(attempts, self.curves, strict=True)
             ]
             yield from work.take(self.by.read())
-            estimate = yield from work.take(self.by.estimate([each.item for each in objects]))
+            steps = self.by.estimate([attempt.item for attempt in objects], length)
+            estimate = yield from work.take(steps)
             work.did((1 - TRIED) * cost)
-            for new, curve, deviation in zip(attempts, self.curves, estimate, strict=True):
+            for index, (new, curve) in enumerate(zip(attempts, self.curves, strict=True)):
                 if new:
-                    new.deviation = deviation
-                    if curve.count and not curve.dispensable:
+                    yield from work.take(self._note(index, new, estimate))
+                    if not curve.dispensable:
                         curve.known_tries.append(new)
-            for curve, deviation in zip(self.curves, estimate, strict=True):
-                if curve.dispensable:
-                    curve.tries[0].deviation = deviation
 
     def _best(self, length: float) -> list[Try]:
         """Return the best try of each object for a LOD that deviates by `length` at most."""
@@ -275,6 +338,20 @@ class Search:
             )
             for curve, is_dispensable in zip(self.curves, dispensable, strict=True):
                 curve.dispensable = bool(is_dispensable) and curve.count > 0
+
+    def _miss_left_out(self, length: float) -> Generator[float, None, bool]:
+        """Estimate how far a LOD is from objects that it leaves out; mend it if that is too far.
+
+        Returns whether it was.
+        """
+        if not any(curve.dispensable for curve in self.curves):
+            return False
+        objects = self._best(length)
+        estimate = yield from self.by.estimate([attempt.item for attempt in objects], length)
+        for number, (attempt, curve) in enumerate(zip(objects, self.curves, strict=True)):
+            if curve.dispensable:
+                yield from self._note(number, attempt, estimate)
+        return self._mend_left_out(length)
 
     def _mend_left_out(self, length: float) -> bool:
         """Mend a LOD that is farther than `length` from objects that it leaves out.
@@ -306,6 +383,22 @@ class Search:
             curve.bring_back()
         return True
 
+    def _note(self, number: int, attempt: Try, estimate: DeviationEstimate) -> Iterator[float]:
+        """Note what was estimated of the try of an object, and of each vertex of its source.
+
+        Yields between steps.
+        """
+        curve = self.curves[number]
+        attempt.poses = len(self.by.frames)
+        attempt.deviation = estimate.deviations[number]
+        if not curve.count:
+            return
+        if curve.evaluated is None:
+            source = curve.source
+            points = source.skin.place[0] if source.skin else source.geometry.points
+            curve.evaluated = yield from run_in_thread(partial(self.by.vertices_at, number, points))
+        attempt.away = estimate.away[number][curve.evaluated]
+
     def _try(self, plans: Sequence[float | None]) -> Generator[float, None, list[Try | None]]:
         """Make a try of the ratio that is planned for each source; yields the progress."""
         work = Workload(len(plans))
@@ -314,7 +407,7 @@ class Search:
             new = None
             if ratio is not None:
                 made = yield from work.take(self.make(curve.source, ratio))
-                new = Try(*made, ratio)
+                new = Try(*made, ratio, curve.weighed)
                 curve.tries.append(new)
             attempts.append(new)
             yield work.did(1)

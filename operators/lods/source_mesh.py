@@ -12,7 +12,6 @@ import numpy as np
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
 from ...crowd_lod.progress import finished
-from ...crowd_lod.simplification.decimate import Decimation
 from ...crowd_lod.simplification.pose_deformation import Skin
 from ..blender import mesh_data, removal
 from ..blender.animation import armatures_of, curves_of
@@ -57,7 +56,8 @@ class Source:
     charts: uv_charts.Charts, made when first needed; None before.
     skin: how its points move in the poses (see poses.skin_of); None if they do not.
     share: its part of the character's triangles, from 0 to 1.
-    decimation: what makes its LODs' meshes, made when first needed; None before.
+    weight: (n,) how much each vertex counts in decimation, see simplification.decimate; None for
+        all alike.
     """
 
     item: bpy.types.Object
@@ -68,7 +68,7 @@ class Source:
     charts: object = None
     skin: Skin | None = None
     share: float = 1.0
-    decimation: Decimation | None = None
+    weight: np.ndarray | None = None
 
     @cached_property
     def geometry(self) -> mesh_data.ReadMesh:

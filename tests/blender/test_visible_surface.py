@@ -118,10 +118,10 @@ def test_a_body_counts_where_its_shirt_ends():
     measure = deviation.Measure("one", [body, shirt])
     finished(measure.read())
     heights = np.array([vertex.co.z for vertex in body.data.vertices])
-    visible, visible_of_shirt = np.split(measure.character.visible[0], [len(heights)])
+    visible = measure.visible(0)
     assert visible[(heights < 0.29) | (heights > 0.91)].all()
     assert not visible[(heights > 0.58) & (heights < 0.62)].any()
-    assert visible_of_shirt.all()
+    assert measure.visible(1).all()
 
     def dented(depth):
         other = tube(41, 0.10)
@@ -131,9 +131,12 @@ def test_a_body_counts_where_its_shirt_ends():
         return [other, sleeve()]
 
     assert off([body, shirt], dented(0.6))[1] < 0.001 < 0.03 < off([body, shirt], dented(0.15))[0]
-    of_body, of_shirt = finished(measure.estimate(dented(0.15)))
-    assert of_body == pytest.approx(off([body, shirt], dented(0.15))[0], rel=0.3)
-    assert of_shirt < 0.001
+    estimate = finished(measure.estimate(dented(0.15), 0.02))
+    assert estimate.deviations[0] == pytest.approx(off([body, shirt], dented(0.15))[0], rel=0.3)
+    assert estimate.deviations[1] < 0.001
+    spots = estimate.away[0] > 0.02
+    assert spots.any()
+    assert (np.abs(heights[spots] - 0.15) < 0.06).all()
 
 
 def rig(bones):
