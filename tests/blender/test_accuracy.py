@@ -116,7 +116,7 @@ def test_the_report_measures_and_concludes(tolerant, tmp_path, capfd):
         "4 px",
     ]  # fmt: skip
     assert rows["2 px"]["default"] and rows["2 px"]["missing"] == 0 < rows["2 px"]["measured"]
-    assert rows["full detail, culled"]["worst_px"] <= 0.5 < rows["2 px"]["predicted_px"] <= 2.1
+    assert rows["full detail, culled"]["worst_px"] <= 0.5 < rows["2 px"]["predicted_px"] <= 2.5
     assert rows["2 px"]["worst_px"] <= rows["2 px"]["predicted_px"] + 0.7
     assert rows["full detail"]["peak_mb"] > rows["without the crowd"]["peak_mb"] > 50
     assert all(row["cpu_s"] > 0 for row in rows.values())

@@ -250,7 +250,7 @@ def shell(line, folder, **variables):
         (f"preview chapter --quiet --out {'x' * 300}", "File name too long"),
         (f"preview chapter --quiet --out {'x' * 300}/a", "File name too long"),
         (f"preview chapter --quiet --out {'/'.join(['x' * 200] * 5)}", "longer than 740 bytes"),
-        (f"report extremes --most 1000 --quiet --out {'x' * 300}.md", "File name too long"),
+        (f"report error chapter --quick --quiet --out {'x' * 300}", "File name too long"),
     ],
 )
 def test_paths_that_cannot_be_are_refused_before_any_work(tmp_path, monkeypatch, capfd, line, err):
