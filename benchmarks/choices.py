@@ -29,10 +29,11 @@ from crowd_lod_extension.crowd_lod.levels.selection import GroupShot, cheapest, 
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import scene_data
 from crowd_lod_extension.operators.build import render_setup
+from crowd_lod_extension.operators.deliver.accuracy.measured_render import peak_mb
 from crowd_lod_extension.operators.lods import selection
 from crowd_lod_extension.operators.scene.characters.stored_groups import groups_of, store_groups
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
-from jobs import answer, job, peak_mb
+from jobs import answer, job
 from worth import LIMIT, show
 
 FRAMES = {"plaza": 60, "station": 120}  # of each scene the frame that is rendered

@@ -27,9 +27,10 @@ from crowd_lod_extension.crowd_lod.levels.cost_model import MEMORY, SECONDS
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender.ownership import remove_owned
 from crowd_lod_extension.operators.build import bake, cost_estimate, render_setup
+from crowd_lod_extension.operators.deliver.accuracy.measured_render import peak_mb
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 from crowd_lod_extension.operators.settings.stored_figures import FULL, BuildCase
-from jobs import answer, job, peak_mb
+from jobs import answer, job
 
 MOST_AGENTS = 20_000
 STEP = 0.618  # from one crowd's power of that to the next's: evenly spread however many they are
@@ -85,7 +86,7 @@ def name_of(crowd: dict) -> str:
 def measured(crowd: dict) -> list[dict]:
     """A row for each of WAYS: what the crowd takes, and what was predicted.
 
-    None if the crowd cannot be made or rendered, which is printed.
+    None of them if the crowd cannot be made or rendered, which is printed.
     """
     with tempfile.TemporaryDirectory() as folder:
         made = job(LIMIT, "estimates.py", job="make", folder=folder, crowd=crowd)

@@ -1,7 +1,6 @@
 """Work in processes of their own: what starts one, and what answers in it."""
 
 import json
-import resource
 import subprocess
 import sys
 from collections.abc import Callable
@@ -34,13 +33,3 @@ def answer(*works: Callable[..., dict]) -> None:
     with console.quiet():
         result = work(**inputs)
     print(json.dumps(result), flush=True)
-
-
-def peak_mb() -> float:
-    """The largest memory that this process has had, MB."""
-    status = Path("/proc/self/status")
-    if status.exists():  # Linux's getrusage begins with the peak of the process that started this
-        line = next(x for x in status.read_text().splitlines() if x.startswith("VmHWM"))
-        return float(line.split()[1]) / 1e3
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / (1e6 if sys.platform == "darwin" else 1e3)

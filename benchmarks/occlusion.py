@@ -26,11 +26,12 @@ from crowd_lod_extension.operators.blender import scene_data
 from crowd_lod_extension.operators.build import bake, render_setup, shelves
 from crowd_lod_extension.operators.build.aovs import materials_of
 from crowd_lod_extension.operators.build.visibility import hide_characters
+from crowd_lod_extension.operators.deliver.accuracy.measured_render import peak_mb
 from crowd_lod_extension.operators.lods.make_lods import make_levels
 from crowd_lod_extension.operators.scene.lights import read_surroundings
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 from crowd_lod_extension.operators.scene.shot_reference import frame_of, moment_now
-from jobs import answer, job, peak_mb
+from jobs import answer, job
 from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 

@@ -39,13 +39,14 @@ from crowd_lod_extension.operators.build import (
 )
 from crowd_lod_extension.operators.build.shelves import RIGS, SHELF
 from crowd_lod_extension.operators.build.visibility import hide_characters
+from crowd_lod_extension.operators.deliver.accuracy.measured_render import peak_mb
 from crowd_lod_extension.operators.lods.make_lods import make_levels
 from crowd_lod_extension.operators.scene.characters.group_measuring import measure_groups
 from crowd_lod_extension.operators.scene.characters.stored_groups import store_groups
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 from crowd_lod_extension.operators.scene.shot_reference import frame_of, moment_now
 from crowd_lod_extension.operators.settings.stored_figures import FULL, BuildCase
-from jobs import answer, peak_mb
+from jobs import answer
 
 NOBODY = "nobody"
 EVERYONE = "everyone"

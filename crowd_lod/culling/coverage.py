@@ -32,7 +32,7 @@ def covered_pixels(camera: Camera, places: np.ndarray, radius: np.ndarray) -> fl
         side = max(camera.pixels) / CELLS
         cell = side**2
         agents, weight = _sample(halves, SMALL * side)
-        centers = _centers(camera, places[:, agents] / depth[agents])
+        centers = centers_in_picture(camera, places[:, agents] / depth[agents])
         amounts = _amounts(centers, halves[agents], weight, camera.pixels, side)
     return min(float((cell * -np.expm1(-amounts / cell)).sum()), picture)
 
@@ -49,7 +49,7 @@ def _sample(halves: np.ndarray, small: float) -> tuple[np.ndarray, np.ndarray]:
     return agents, np.where(is_small[agents], float(step), 1.0)
 
 
-def _centers(camera: Camera, slopes: np.ndarray) -> np.ndarray:
+def centers_in_picture(camera: Camera, slopes: np.ndarray) -> np.ndarray:
     """Return where `slopes` (3, m) are in the picture, (2, m) pixels from its lower left."""
     w = camera.window
     (width, height) = camera.pixels

@@ -43,12 +43,10 @@ class Section:
 class PlotAxis:
     """What stands along an axis of a plot.
 
-    value: of a row, drawn at `floor` where it is less.
-    says: what the floor is.
+    floor: where values are drawn that are less; 0 for none. says: what it is.
     """
 
     title: str
-    value: Value
     floor: float = 0.0
     says: str = ""
 

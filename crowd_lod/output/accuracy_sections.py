@@ -1,6 +1,7 @@
 """What the rows of error against run time show: plots, what their errors mean, and verdicts."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from operator import itemgetter
 from typing import Any
 
@@ -13,8 +14,13 @@ from .accuracy_page import COLORS, DASHED, SHAPES, PlotAxis, Row, Section, WayPo
 SAMPLED = 0.7  # pixels that an outline is known to, at two samples a pixel
 ROUNDED = 1e-6  # meters below which errors are drawn as rounding
 FEW_COLORS = 0.01  # of 1
-NOBODY, FULL, CULLED = "without the crowd", "full detail", "full detail, culled"  # kinds of rows
+# kinds of ways to render a crowd
+NOBODY = "without the crowd"
+EVERYONE = "full detail"
 TOLERANCE = "by tolerance"
+# columns of an error: the worst, and the 99th percentile
+OUTLINES = "worst_px", "p99_px"
+COLOR_ERRORS = "colors_worst", "colors_p99"
 
 
 def _of(name: str) -> Callable[[Row], Any]:
@@ -27,30 +33,16 @@ def lod_section(rows: Sequence[Row], pictures: str) -> Section:
     rows: of operators/deliver/accuracy/lod_rows.py.
     pictures: what was rendered, in sentences.
     """
-    x = PlotAxis("processor seconds of a frame", _of("cpu_s"))
-    memory = PlotAxis("peak memory, MB", _of("peak_mb"))
-    y = PlotAxis(
-        "outlines are off by, px", _of("worst_px"), SAMPLED, "0.7 px: less cannot be measured"
-    )
-    colors = PlotAxis(
-        "colors are off by, of 1", _of("colors_worst"), FEW_COLORS, "0.01: hardly visible"
-    )
-    spread = _of("cpu_s_least"), _of("cpu_s_most")
+    seconds = PlotAxis("processor seconds of a frame")
+    memory = PlotAxis("peak memory, MB")
+    outlines = PlotAxis("outlines are off by, px", SAMPLED, "0.7 px: less cannot be measured")
+    colors = PlotAxis("colors are off by, of 1", FEW_COLORS, "0.01: hardly visible")
     plots = [
-        (x, y, ["worst_px"], _lod_ways(rows, "cpu_s", "predicted_s", "px", spread)),
-        (
-            memory,
-            y,
-            ["worst_px", "peak_mb"],
-            _lod_ways(rows, "peak_mb", "predicted_mb", "px", None),
-        ),
-        (x, colors, ["colors_worst"], _lod_ways(rows, "cpu_s", None, "colors", spread)),
+        (seconds, outlines, _lod_ways(rows, "cpu_s", OUTLINES, "predicted_s")),
+        (memory, outlines, _lod_ways(rows, "peak_mb", OUTLINES, "predicted_mb")),
+        (seconds, colors, _lod_ways(rows, "cpu_s", COLOR_ERRORS)),
     ]
-    panels = [
-        panel(along, up, ways)
-        for along, up, needed, ways in plots
-        if any(all(row[name] is not None for name in needed) for row in rows)
-    ]
+    panels = [panel(x, y, ways) for x, y, ways in plots if any(each.rows for each in ways)]
     means = (
         "Error: how far outlines of agents lie from those at full detail, in pixels of the scene's "
         "own renders, each way, of agents who do not hide one another; and how far colors of 8 x 8 "
@@ -61,50 +53,42 @@ def lod_section(rows: Sequence[Row], pictures: str) -> Section:
 
 
 def _lod_ways(
-    rows: Sequence[Row], x: str, predicted: str | None, error: str, spread: Any
+    rows: Sequence[Row], cost: str, error: tuple[str, str], predicted: str = ""
 ) -> list[WayPoints]:
-    """Return the points of a plot; error: "px" or "colors"."""
-    worst, p99 = (("worst_px", "p99_px"), ("colors_worst", "colors_p99"))[error == "colors"]
-    rows = [row for row in rows if row[worst] is not None]
+    """Return the points of a plot: by tolerance, a line; of other ways, a mark each.
+
+    cost, error: columns. predicted: that of the cost which was predicted, "" for none.
+    """
+    worst, p99 = error
+    rows = [row for row in rows if row[worst] is not None and row[cost] is not None]
     tolerant = [row for row in rows if row["kind"] == TOLERANCE]
+    foretold = [row for row in tolerant if predicted and row[predicted] is not None]
+    spread = (_of("cpu_s_least"), _of("cpu_s_most")) if cost == "cpu_s" else None
+    marks = partial(WayPoints, label=_of("way"), spread=spread)
     ways = [
+        marks("LODs by tolerance, worst", tolerant, _of(worst), _of(cost), COLORS[0]),
         WayPoints(
-            "LODs by tolerance, worst",
-            tolerant,
-            _of(worst),
-            _of(x),
-            COLORS[0],
-            label=_of("way"),
-            spread=spread,
+            "99th percentile", tolerant, _of(p99), _of(cost), COLORS[5], "square", dash=DASHED
         ),
-        WayPoints("99th percentile", tolerant, _of(p99), _of(x), COLORS[5], "square", dash=DASHED),
+        WayPoints(
+            "predicted, worst",
+            foretold,
+            _of("predicted_px"),
+            _of(predicted),
+            COLORS[0],
+            hollow=True,
+            line=False,
+        ),
     ]
-    foretold = [row for row in tolerant if row.get(predicted or "") is not None]
-    if predicted and foretold:
-        ways.append(
-            WayPoints(
-                "predicted, worst",
-                foretold,
-                _of("predicted_px"),
-                _of(predicted),
-                COLORS[0],
-                hollow=True,
-                line=False,
-            )
-        )
     others = [row for row in rows if row["kind"] != TOLERANCE]
     for row, color, shape in zip(others, COLORS[1:5] + COLORS[6:], SHAPES[2:] * 2, strict=False):
-        ways.append(
-            WayPoints(
-                row["way"], [row], _of(worst), _of(x), color, shape, label=_of("way"), spread=spread
-            )
-        )
+        ways.append(marks(row["way"], [row], _of(worst), _of(cost), color, shape))
     return ways
 
 
 def lod_verdict(rows: Sequence[Row]) -> str:
     """Return what the scene's own LODs gain and cost, and what other tolerances would."""
-    bare, full = (next(row for row in rows if row["kind"] == kind) for kind in (NOBODY, FULL))
+    bare, full = (next(row for row in rows if row["kind"] == kind) for kind in (NOBODY, EVERYONE))
     own = next(row for row in rows if row["default"])
     time = own["cpu_s"] / full["cpu_s"]
     lead = f"At {own['way']}" if own["tolerance_px"] else f"With LODs {own['way']},"
@@ -171,31 +155,16 @@ def behavior_section(rows: Sequence[Row], found: Sensitivity) -> Section:
     names = list(dict.fromkeys(row["way"] for row in rows))
     for number, name in enumerate(names):
         own = [row for row in rows if row["way"] == name]
-        color, shape = COLORS[number], SHAPES[number]
+        marks = partial(
+            WayPoints, rows=own, x=_of("cpu_ms"), color=COLORS[number], shape=SHAPES[number]
+        )
         steps = _steps if len(own) > 1 else (lambda row: "")
         ways += [
-            WayPoints(
-                f"{name}, worst agent",
-                own,
-                _of("worst_m"),
-                _of("cpu_ms"),
-                color,
-                shape,
-                label=steps,
-            ),
-            WayPoints(
-                f"{name}, 99th percentile",
-                own,
-                _of("p99_m"),
-                _of("cpu_ms"),
-                color,
-                shape,
-                hollow=True,
-                dash=DASHED,
-            ),
+            marks(f"{name}, worst agent", y=_of("worst_m"), label=steps),
+            marks(f"{name}, 99th percentile", y=_of("p99_m"), hollow=True, dash=DASHED),
         ]
-    x = PlotAxis("processor ms for a second of the scene", _of("cpu_ms"))
-    y = PlotAxis("meters from the exact place", _of("worst_m"), ROUNDED, "a micrometer: rounding")
+    x = PlotAxis("processor ms for a second of the scene")
+    y = PlotAxis("meters from the exact place", ROUNDED, "a micrometer: rounding")
     means = (
         f"Error: how far agents are in the end from where exact arithmetic sees them, which shares "
         f"no line of the steps ({rows[0]['judged']:,} of {counted(rows[0]['agents'], 'agent')} "
@@ -248,39 +217,14 @@ def _meters(length: float) -> str:
 
 def culling_section(rows: Sequence[Row]) -> Section:
     """Return the section on culling and LODs of a frame."""
-    names = list(dict.fromkeys((row["way"], row["delta_m"]) for row in rows))
-    kinds = []
-    for number, (name, delta) in enumerate(names):
-        own = [row for row in rows if (row["way"], row["delta_m"]) == (name, delta)]
-        title = name if delta == "" else f"{name}, {delta:g} m"
-        color, shape = COLORS[number % len(COLORS)], SHAPES[number % len(SHAPES)]
-        kinds.append((title, own, color, shape))
-    x = PlotAxis("processor ms of a frame", _of("cpu_ms"))
+    x = PlotAxis("processor ms of a frame")
     panels = []
     for column, says in (
         ("missed", "visible agents that are missed, of 1,000 visible"),
         ("in_vain", "agents kept in vain, of 1,000 visible"),
     ):
-        y = PlotAxis(says, _of_thousand(column), 0.01, "none (spread out below)")
-        panels.append(
-            panel(
-                x,
-                y,
-                [
-                    WayPoints(
-                        title,
-                        own,
-                        _of_thousand(column),
-                        _of("cpu_ms"),
-                        color,
-                        shape,
-                        label=_crowd if number == 0 else (lambda row: ""),
-                        zero=0.85**number,
-                    )
-                    for number, (title, own, color, shape) in enumerate(kinds)
-                ],
-            )
-        )
+        y = PlotAxis(says, 0.01, "none (spread out below)")
+        panels.append(panel(x, y, _culling_ways(rows, _of_thousand(column))))
     means = (
         "Error: agents whose bounding sphere the camera's planes touch and who were left out "
         "(missed), or the other way round (kept in vain), and LODs off by one or more; exact "
@@ -290,6 +234,26 @@ def culling_section(rows: Sequence[Row]) -> Section:
     return Section(
         "culling", "Culling and LODs of a frame", means, culling_verdict(rows), panels, rows
     )
+
+
+def _culling_ways(rows: Sequence[Row], value: Callable[[Row], float]) -> list[WayPoints]:
+    """Return the points of a plot, a line for each way; those without any error lie apart."""
+    ways = []
+    names = dict.fromkeys((row["way"], row["delta_m"]) for row in rows)
+    for number, (name, delta) in enumerate(names):
+        ways.append(
+            WayPoints(
+                name if delta == "" else f"{name}, {delta:g} m",
+                [row for row in rows if (row["way"], row["delta_m"]) == (name, delta)],
+                value,
+                _of("cpu_ms"),
+                COLORS[number % len(COLORS)],
+                SHAPES[number % len(SHAPES)],
+                label=_crowd if number == 0 else (lambda row: ""),
+                zero=0.85**number,
+            )
+        )
+    return ways
 
 
 def _of_thousand(column: str) -> Callable[[Row], float]:

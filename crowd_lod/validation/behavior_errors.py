@@ -14,6 +14,7 @@ from ..behavior.plain_step import advance
 from ..behavior.walk import Walk
 from ..crowd.agents import Crowd
 from ..crowd.state_machine import StateMachine
+from ..frame.frame_range import spread_evenly
 from ..world.maps import LabelMap
 from .exact_behavior import ExactPlaces, follow_exactly
 from .timing import time_in_turn
@@ -42,12 +43,6 @@ class Sensitivity:
     until: int | None
     farthest: float
     shift: float
-
-
-def thinned(crowd: Crowd, most: int) -> Crowd:
-    """Return the crowd if it has at most `most` agents, else so many, evenly spaced by index."""
-    indices = np.linspace(0, len(crowd) - 1, min(len(crowd), most)).round().astype(np.intp)
-    return crowd.of(indices)
 
 
 def compare_behavior(
@@ -128,7 +123,8 @@ def step_by_listing(crowd: Crowd, machine: StateMachine, world: LabelMap, second
 
 def _judged(walk: Walk) -> Walk:
     """Return the walk of the agents that are judged, on flat ground."""
-    return replace(walk, start=thinned(walk.start, JUDGED), heights=None, tilts=False)
+    agents = np.array(spread_evenly(range(len(walk.start)), JUDGED), np.intp)
+    return replace(walk, start=walk.start.of(agents), heights=None, tilts=False)
 
 
 def _cut(crowd: Crowd, machine: StateMachine, world: LabelMap, seconds: float) -> Crowd:
@@ -161,8 +157,16 @@ def _distances(crowd: Crowd, truth: ExactPlaces, walk: Walk) -> np.ndarray:
 
 
 def _apart(crowd: Crowd | ExactPlaces, other: Crowd | ExactPlaces, walk: Walk) -> np.ndarray:
-    """Return how far apart the agents of two crowds are, (n,) meters; the shorter way round."""
+    """Return how far apart the agents of two crowds are, (n,) meters."""
+    return np.hypot(*offsets(crowd, other, walk))
+
+
+def offsets(crowd: Crowd | ExactPlaces, other: Crowd | ExactPlaces, walk: Walk) -> np.ndarray:
+    """Return how far apart agents of two crowds of the walk are along x and y, (2, n) meters.
+
+    On a map that wraps, the shorter way round counts.
+    """
     off = np.abs(np.stack([crowd.x - other.x, crowd.y - other.y]))
     if walk.wraps:
         off = np.minimum(off, np.array(walk.area.size)[:, None] - off)
-    return np.hypot(*off)
+    return off

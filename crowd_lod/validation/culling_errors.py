@@ -18,6 +18,7 @@ from ..crowd.leave_outs import BLOCKS
 from ..culling.camera import Camera
 from ..culling.radar import RadarOptions, radar
 from ..frame.frame import Frame, plan
+from ..frame.frame_range import spread_evenly
 from ..frame.index_cache import cache_of
 from ..levels.assignment import LevelPolicy, assign, deviations, threshold_distances
 from ..sorting.buckets import sort
@@ -92,12 +93,12 @@ def _area_of(crowds: Sequence[Crowd]) -> Area:
 def replayed(trajectory: Trajectory, first: int, count: int) -> Replayed:
     """Return SPAN frames of a crowd of `count` agents, copied from those of the `trajectory`."""
     random = np.random.default_rng(0)
-    rows = np.arange(count) % len(trajectory.start)
-    if count < len(trajectory.start):
-        rows = np.linspace(0, len(trajectory.start) - 1, count).round().astype(np.intp)
-    aside = random.uniform(-AROUND, AROUND, (2, count)) * (
-        np.arange(count) >= len(trajectory.start)
-    )
+    agents = len(trajectory.start)
+    rows = np.arange(count) % agents
+    if count < agents:
+        rows = np.array(spread_evenly(range(agents), count), np.intp)
+    is_copy = np.arange(count) >= agents
+    aside = random.uniform(-AROUND, AROUND, (2, count)) * is_copy
     crowds = []
     for frame in range(first, first + SPAN):
         crowd = trajectory.at(frame).of(rows)
@@ -146,7 +147,7 @@ def compare_culling(
     for count in counts:
         crowd = replayed(trajectory, first, count)
         views = _views(crowd, cameras, policy)
-        ways = _ways(cameras[0], margin)
+        ways = _ways(cameras[0])
         runs_of: dict[tuple[str, float | None], Callable[[], list]] = {
             key: partial(_all, way, views) for key, way in ways.items()
         }
@@ -199,9 +200,7 @@ def _views(crowd: Replayed, cameras: Sequence[Camera], policy: LevelPolicy) -> l
     return views
 
 
-def _ways(
-    camera: Camera, margin: float | None
-) -> dict[tuple[str, float | None], Callable[[FrameToCull], Found]]:
+def _ways(camera: Camera) -> dict[tuple[str, float | None], Callable[[FrameToCull], Found]]:
     """Return the ways to cull by (name, meters of a Delta); panoramic cameras have no planes."""
     ways: dict[tuple[str, float | None], Callable[[FrameToCull], Found]] = {
         (RADAR, None): partial(_by_radar, margin=None),
@@ -339,35 +338,29 @@ def _exact_level(view: FrameToCull, agent: int, radial: bool) -> int:
 
 
 def leave_outs(
-    trajectory: Trajectory,
-    cameras: Sequence[Camera],
-    policy: LevelPolicy,
-    frame: int,
-    runs: int,
+    trajectory: Trajectory, camera: Camera, policy: LevelPolicy, frame: int, runs: int
 ) -> Iterator[dict]:
     """Yield a row for each part that frames of this scene leave out: its time with and without.
 
-    Without is what plain functions take that leave nothing out, and give the same.
+    Without is what plain functions take that leave nothing out, and give the same. Of a crowd that
+    stands still the whole plan is left out, and blocks with it.
 
-    cameras: at `frame` and at the next.
+    camera: at `frame`.
     """
-    planned = plan(trajectory, cameras[0], policy, frame)
+    planned = plan(trajectory, camera, policy, frame)
+    spheres = trajectory.spheres
     view = FrameToCull(
-        planned.crowd,
-        planned.camera,
-        trajectory.spheres.center,
-        trajectory.spheres.reach,
-        planned.thresholds,
+        planned.crowd, planned.camera, spheres.center, spheres.reach, planned.thresholds
     )
-    again = partial(plan, trajectory, cameras[0], policy, frame)
-    plain = partial(_by_radar, view, policy.margin)
-    pairs: list[tuple[str, Callable[[], object], Callable[[], object]]] = []
-    if BLOCKS in planned.left_out:
-        pairs.append(("Blocks", again, plain))
+    parts = ["Blocks"] if BLOCKS in planned.left_out else []
     if trajectory.still:
-        pairs.append(("The plan of a crowd and a camera that stand still", again, plain))
-    for part, kept, full in pairs:
-        times = time_in_turn({"with": kept, "without": full}, runs)
+        parts = ["The plan of a crowd and a camera that stand still"]
+    ways: dict[str, Callable[[], object]] = {
+        "with": partial(plan, trajectory, camera, policy, frame),
+        "without": partial(_by_radar, view, policy.margin),
+    }
+    for part in parts:
+        times = time_in_turn(ways, runs)
         yield {
             "part": part,
             "agents": len(planned.crowd),

@@ -11,8 +11,10 @@ import numpy as np
 
 from ..crowd.agents import Crowd
 from ..culling.camera import Camera
+from ..culling.frustum import ROUNDING
 
 Number = TypeVar("Number", F, float)
+DEPTHS = 50  # spheres whose distance is compared with exact arithmetic
 
 
 def sees(camera: Camera, center: Sequence[float] | np.ndarray, radius: float) -> bool:
@@ -106,15 +108,22 @@ def find_visible(
     return mask, doubtful
 
 
-def depth_error(camera: Camera, center: Sequence[float] | np.ndarray, distance: float) -> float:
-    """Return |distance - v.Z| in meters, exact but for the last rounding.
+def depth_off(camera: Camera, centers: np.ndarray, distances: np.ndarray) -> float:
+    """Return the largest error of distances v.Z, as a part of the bound that `assign` states.
 
-    center: (3,), the center of the sphere.
+    Of up to DEPTHS spheres, evenly taken, beside exact arithmetic but for the last rounding.
+
+    centers: (n, 3) world meters.
+    distances: (n,) meters, of the spheres' centers (levels/assignment.py).
     """
-    v = (F(float(p)) - F(float(c)) for p, c in zip(center, camera.origin, strict=True))
-    return float(
-        abs(F(float(distance)) - sum(p * F(float(q)) for p, q in zip(v, camera.Z, strict=True)))
-    )
+    worst = 0.0
+    for i in range(0, len(centers), max(1, len(centers) // DEPTHS)):
+        size = np.abs(centers[i] - camera.origin).sum() + abs(camera.origin[2])
+        bound = ROUNDING * size * np.linalg.norm(camera.Z)
+        v = (F(float(p)) - F(float(c)) for p, c in zip(centers[i], camera.origin, strict=True))
+        exact = sum(p * F(float(q)) for p, q in zip(v, camera.Z, strict=True))
+        worst = max(worst, float(abs(F(float(distances[i])) - exact)) / (bound or np.inf))
+    return float(worst)
 
 
 def scatter(

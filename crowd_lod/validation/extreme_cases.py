@@ -15,9 +15,8 @@ from ..levels.assignment import LevelPolicy
 from ..sources.points import Points, Snapshot, draw_for
 from . import stiff_cases
 from .culling_errors import FrameToCull, Replayed, exact_levels
-from .exact_frustum import depth_error, find_visible, scatter, standing_crowd
+from .exact_frustum import depth_off, find_visible, scatter, standing_crowd
 
-DEPTHS = 50  # agents of a case whose distance is compared with exact arithmetic
 ROUNDING = 1e-12  # of coordinates, beside GRAIN: what is kept within it is kept for rounding
 POLICY = LevelPolicy((0.1, 0.15, 0.4, 1.0))
 PART = 1_000_000  # agents that are judged at a time
@@ -227,7 +226,8 @@ def judge_case(name: str, spheres: SpheresInView) -> Iterator[BoundedError]:
     yield BoundedError(name, "agents kept in vain", in_vain + int(visible[spheres.lost].sum()), 0)
     yield BoundedError(name, "LODs off", off, 0)
     if camera.kind != "PANO":
-        yield BoundedError(name, "distance, of its bound", _depth_off(spheres, distances), 1)
+        off_bound = depth_off(camera, spheres.points[~spheres.lost], distances[~spheres.lost])
+        yield BoundedError(name, "distance, of its bound", off_bound, 1)
 
 
 def _planned(spheres: SpheresInView) -> Frame:
@@ -245,19 +245,6 @@ def _planned(spheres: SpheresInView) -> Frame:
     if spheres.bounds:
         policy = LevelPolicy((0.0,) * (len(spheres.bounds) - 1), tolerance=1.0)
     return plan(trajectory, spheres.camera, policy, 1.0)
-
-
-def _depth_off(spheres: SpheresInView, distances: np.ndarray) -> float:
-    """Return the largest error of a distance, as a part of the bound that `assign` states."""
-    camera = spheres.camera
-    worst = 0.0
-    there = np.flatnonzero(~spheres.lost)
-    for agent in there[:: max(1, len(there) // DEPTHS)].tolist():
-        place = spheres.points[agent]
-        size = np.abs(place - camera.origin).sum() + abs(camera.origin[2])
-        bound = 16 * np.finfo(np.float64).eps * size * np.linalg.norm(camera.Z)
-        worst = max(worst, depth_error(camera, place, distances[agent]) / (bound or np.inf))
-    return float(worst)
 
 
 def judged(most: int, seed: int) -> Generator[float, None, list[BoundedError]]:

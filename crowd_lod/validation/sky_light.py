@@ -14,9 +14,9 @@ def changed_share(full: np.ndarray, culled: np.ndarray) -> float:
 
     full, culled: (h, w, 3) linear light, rendered with the same seed and samples.
 
-    It is that of squares of BLOCK pixels by their mean light, since one ray that meets another agent
-    changes its own pixel by far more than all rays there would in the mean. A square should have a
-    thousand rays, 16 a pixel: with fewer, noise is taken for change.
+    It is that of squares of BLOCK pixels by their mean light, since one ray that meets another
+    agent changes its own pixel by far more than all rays there would in the mean. A square should
+    have a thousand rays, 16 a pixel: with fewer, noise is taken for change.
     """
     before, after = (srgb.encoded(_squares(picture).clip(0, 1)) for picture in (full, culled))
     return float((np.abs(after - before) > STEP).any(axis=-1).mean())

@@ -81,7 +81,7 @@ def test_each_way_with_a_derived_delta_sees_whom_the_judge_sees(lens):
         frame, camera=replace(frame.camera, window=replace(frame.camera.window, left=-0.2))
     )
     truth = exactly(frame)
-    ways = culling_errors._ways(frame.camera, None)
+    ways = culling_errors._ways(frame.camera)
     for name in (RADAR, MATRIX, NAIVE, SINGLE):
         found = ways[name, None](frame)
         assert (found.visible == truth.visible).all(), name
@@ -97,7 +97,7 @@ def test_float32_in_the_world_loses_agents_far_out_and_float64_none():
     camera = replace(frame.camera, origin=frame.camera.origin + (shift, shift, 0))
     far = replace(frame, crowd=crowd, camera=camera)
     truth = exactly(far)
-    ways = culling_errors._ways(camera, None)
+    ways = culling_errors._ways(camera)
     assert (ways[RADAR, None](far).visible == truth.visible).all()
     single = ways[SINGLE, None](far)
     assert (single.visible != truth.visible).any() and (single.levels != truth.levels).any()
@@ -149,6 +149,6 @@ def test_copies_of_agents_stand_beside_them_and_walk_alike():
 
 def test_leave_outs_are_timed_beside_the_plain_functions():
     trajectory = walking(30_000)
-    (row,) = leave_outs(trajectory, [camera_of()], POLICY, 5, 1)
+    (row,) = leave_outs(trajectory, camera_of(), POLICY, 5, 1)
     assert row["part"] == "Blocks" and row["with_ms"] > 0 < row["without_ms"]
-    assert not list(leave_outs(walking(100), [camera_of()], POLICY, 5, 1))
+    assert not list(leave_outs(walking(100), camera_of(), POLICY, 5, 1))

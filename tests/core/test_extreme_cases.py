@@ -7,7 +7,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.frame import stages
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.crowd_lod.validation import extreme_cases, stiff_cases
+from crowd_lod_extension.crowd_lod.validation import exact_frustum, stiff_cases
 from crowd_lod_extension.crowd_lod.validation.extreme_cases import (
     BoundedError,
     cases,
@@ -79,4 +79,4 @@ def test_all_cases_are_judged_with_progress():
     rows = finished(steps)
     assert 0 < shown[0] < shown[1] < shown[2] < 1
     assert {row.case for row in rows} == {*ALL, *(case.name for case in stiff_cases.cases(0))}
-    assert len(rows) > extreme_cases.DEPTHS
+    assert len(rows) > exact_frustum.DEPTHS

@@ -4,16 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, referential, window
-from crowd_lod_extension.crowd_lod.culling.frustum import ROUNDING
 from crowd_lod_extension.crowd_lod.culling.radar import radar
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import (
-    depth_error,
+    depth_off,
     find_visible,
     scatter,
     standing_crowd,
 )
 
-EXACT_DEPTHS = 50  # agents a check whose distance is compared with exact arithmetic
 # name: kind of camera, range of log10 of the fitted side (slope or meters), largest lens shift
 LENSES = {
     "telephoto": ("PERSP", (-3.0, -1.0), 0.1),
@@ -126,15 +124,6 @@ def judge_culling(
     beside = 0
     if camera.kind != "PANO":
         beside = int((gap(camera, points[truly]) > radius[group][truly]).sum())
-    errors = [0.0]
-    if camera.kind != "PANO":
-        for i in range(0, len(points), max(1, len(points) // EXACT_DEPTHS)):
-            bound = (
-                ROUNDING
-                * (np.abs(points[i] - camera.origin).sum() + abs(camera.origin[2]))
-                * np.linalg.norm(camera.Z)
-            )
-            errors.append(depth_error(camera, points[i], distance[i]) / (bound or np.inf))
     return CullingJudgment(
         pairs=len(points),
         visible=int(truly.sum()),
@@ -144,7 +133,7 @@ def judge_culling(
         grazing=int((visible & ~truly & doubtful).sum()),
         beside=beside,
         doubtful=int(doubtful.sum()),
-        depth_error=float(max(errors)),
+        depth_error=0.0 if camera.kind == "PANO" else depth_off(camera, points, distance),
     )
 
 

@@ -30,6 +30,7 @@ from ....crowd_lod.output.accuracy_sections import (
 )
 from ....crowd_lod.progress import LOOK, Workload, run_in_thread
 from ....crowd_lod.validation import behavior_errors, culling_errors, timing
+from ....crowd_lod.validation.behavior_errors import RATES
 from ...blender import cameras, console, scene_data
 from ...blender.machine import keeping_files_in, launcher, machine_name
 from ...blender.operator import Stepwise
@@ -42,18 +43,36 @@ from .lod_rows import lod_rows
 from .renders import choose_engine, measure_renders
 from .ways import ways_of
 
-FRAMES = 3  # that are rendered
-WIDTH, SAMPLES, REPEATS = 960, 16, 3  # of the pictures that are measured
-QUICK_WIDTH, QUICK_SAMPLES = 480, 4
-QUICK_RUNS, QUICK_RATES = 2, behavior_errors.RATES[:2]
-COUNTS = 1000, 10_000, 100_000, 1_000_000  # agents that are culled
-LONGEST, QUICK_LONGEST = 120, 48  # frames that behavior is followed for
 PATIENCE = 2.0  # seconds that a command gets to end
 PROGRESS = re.compile(r"(\d+)%")  # in what a command prints
 UNMOVED = "These agents follow recorded motion: there is no error of behavior to measure."
 # parts of the work: what needs no renders (making LODs, behavior, culling), builds, renders
 FRAMES_ALONE, BUILDS, RENDERS = 40, 30, 30
 LODS, BEHAVIOR, CULLING = 20, 10, 10
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is measured.
+
+    frames, repeats: that are rendered, and how often. width, samples: of their pictures, at most.
+    length: frames that behavior is followed for. rates: steps a second of its ways.
+    counts: agents that are culled.
+    runs: of each way of behavior and culling, at least.
+    """
+
+    frames: int
+    repeats: int
+    width: int
+    samples: int
+    length: int
+    rates: tuple[int, ...]
+    counts: tuple[int, ...]
+    runs: int
+
+
+THOROUGH = Effort(3, 3, 960, 16, 120, RATES, (1000, 10_000, 100_000, 1_000_000), timing.FEWEST)
+QUICK = Effort(1, 1, 480, 4, 48, RATES[:2], (1000, 10_000, 100_000), 2)
 
 
 @dataclass(frozen=True)
@@ -77,28 +96,24 @@ def measure(scene: bpy.types.Scene, task: Accuracy) -> Generator[float, None, di
     """
     with files.staged(task.folder) as stage, files.temporary_folder() as scratch:
         title = Path(bpy.data.filepath).stem or scene.name
-        quick = task.is_quick
+        effort = QUICK if task.is_quick else THOROUGH
         work = Workload(FRAMES_ALONE + BUILDS + RENDERS)
         cameras.active_camera(scene)
         engine_note = choose_engine(scene)
         shot = scene_data.frames_of(scene)
         middle = shot[len(shot) // 2]
         span = range(middle, middle + culling_errors.SPAN)
-        length = min(shot[-1] - shot[0], QUICK_LONGEST if quick else LONGEST) or 1
-        sections = yield from work.take(_judge_frames(scene, span, length, quick), FRAMES_ALONE)
-        wanted = Wanted(
-            ways_of(scene.crowd_lod, quick),
-            [middle] if quick else spread_evenly(shot, FRAMES),
-            QUICK_WIDTH if quick else WIDTH,
-            QUICK_SAMPLES if quick else SAMPLES,
-        )
+        length = min(shot[-1] - shot[0], effort.length) or 1
+        sections = yield from work.take(_judge_frames(scene, span, length, effort), FRAMES_ALONE)
+        frames = [middle] if effort.frames == 1 else spread_evenly(shot, effort.frames)
+        ways = ways_of(scene.crowd_lod, task.is_quick)
+        wanted = Wanted(ways, frames, effort.width, effort.samples)
         base = scratch / "base.blend"
         with console.quiet():
             bpy.ops.wm.save_as_mainfile(filepath=str(base), copy=True)
         builds = yield from work.take(make_builds(base, scratch, wanted), BUILDS)
-        repeats = 1 if quick else REPEATS
-        taken = yield from work.take(measure_renders(builds, wanted.frames, repeats), RENDERS)
-        pictures = _pictures_in_words(wanted, repeats, engine_note)
+        taken = yield from work.take(measure_renders(builds, frames, effort.repeats), RENDERS)
+        pictures = _pictures_in_words(wanted, effort.repeats, engine_note)
         sections.insert(0, lod_section(lod_rows(builds, taken), pictures))
         machine = machine_name()
         names = write_page(stage, title, machine, sections)
@@ -114,7 +129,7 @@ def measure(scene: bpy.types.Scene, task: Accuracy) -> Generator[float, None, di
 
 @on_record(lambda scene, span, *_: span)
 def _judge_frames(
-    scene: bpy.types.Scene, span: range, length: int, quick: bool
+    scene: bpy.types.Scene, span: range, length: int, effort: Effort
 ) -> Generator[float, None, list[Section]]:
     """Return the sections on what needs no renders; yields the progress. LODs are made if need be.
 
@@ -124,28 +139,25 @@ def _judge_frames(
     work = Workload(LODS + BEHAVIOR + CULLING)
     crowd = yield from work.take(prepare_crowd(scene), LODS)
     trajectory = crowd.trajectory
-    runs = QUICK_RUNS if quick else timing.FEWEST
     sections = [Section("behavior", "Behavior", "", UNMOVED)]
     for walk in walks_of(trajectory)[:1]:
         if not (walk.seated or walk.still):
-            judging = run_in_thread(partial(_judge_behavior, walk, length, quick))
+            judging = run_in_thread(partial(_judge_behavior, walk, length, effort))
             sections = [(yield from work.take(judging, BEHAVIOR))]
     films = [eyes[0] for eyes in cameras.cameras_at(scene, span)]
     for frame in span:
         yield from work.take(approach(trajectory, frame))
-    counts = COUNTS[: 3 if quick else 4]
     comparing = culling_errors.compare_culling(
-        trajectory, films, crowd.policy, span[0], counts, runs
+        trajectory, films, crowd.policy, span[0], effort.counts, effort.runs
     )
     rows = yield from work.take(run_in_thread(lambda: list(comparing)), CULLING)
-    left_out = culling_errors.leave_outs(trajectory, films[:1], crowd.policy, span[0], runs)
+    left_out = culling_errors.leave_outs(trajectory, films[0], crowd.policy, span[0], effort.runs)
     saved = yield from work.take(run_in_thread(lambda: list(left_out)))
     return [*sections, culling_section(rows), left_out_section(saved)]
 
 
-def _judge_behavior(walk: Walk, length: int, quick: bool) -> Section:
-    runs, rates = (QUICK_RUNS, QUICK_RATES) if quick else (timing.FEWEST, behavior_errors.RATES)
-    rows = list(behavior_errors.compare_behavior(walk, length, runs, rates))
+def _judge_behavior(walk: Walk, length: int, effort: Effort) -> Section:
+    rows = list(behavior_errors.compare_behavior(walk, length, effort.runs, effort.rates))
     return behavior_section(rows, behavior_errors.sensitivity(walk, length))
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from ....crowd_lod.culling.coverage import centers_in_picture
 from ....crowd_lod.frame.frame import Frame
 from ....crowd_lod.frame.index_cache import approach
 from ....crowd_lod.output import files
@@ -128,11 +129,11 @@ def _make(
     if way.kind == PLANNED and path_of(settings) is None:
         yield from work.take(_plan(scene, base.with_name("plan")))
     if way.kind == EVERYONE:
-        yield from work.take(_build_everyone(scene, frames), 2)
+        planned = yield from work.take(_build_everyone(scene, frames), 4)
     else:
         yield from work.take(_predict(scene, build, frames), 1)
         yield from work.take(bake.bake(scene, frames), 2)
-    planned = yield from work.take(_planned(scene, frames), 1)
+        planned = yield from work.take(_planned(scene, frames), 1)
     top = settings.build
     hide_characters(scene)
     bake.keep_what_renders(scene)
@@ -174,8 +175,13 @@ def _plan(scene: bpy.types.Scene, folder: Path) -> Generator[float, None, None]:
 
 
 @on_record(lambda scene, frames: frames)
-def _build_everyone(scene: bpy.types.Scene, frames: Sequence[int]) -> Generator[float, None, None]:
-    """Build everyone at full detail, with the points of all frames; yields the progress."""
+def _build_everyone(
+    scene: bpy.types.Scene, frames: Sequence[int]
+) -> Generator[float, None, dict[int, Frame]]:
+    """Build everyone at full detail, with the points of all frames.
+
+    Yields the progress, returns the plan of each frame.
+    """
     crowd = read_crowd(scene)
     yield from build_full(crowd, frames)
     top = scene.crowd_lod.build
@@ -191,6 +197,7 @@ def _build_everyone(scene: bpy.types.Scene, frames: Sequence[int]) -> Generator[
         every = rows[bucket]
         columns = {key: np.concatenate([each[key] for each in every]) for key in every[0]}
         mesh_data.write_points(points.data, columns)
+    return planned
 
 
 def _predict(
@@ -231,16 +238,12 @@ def _chosen(frame: Frame) -> Reference:
     spheres = frame.trajectory.spheres
     v = np.stack(frame.crowd.places(spheres.center, seen, camera.origin))
     radius = spheres.reach[frame.crowd.group[seen]]
-    x, y, depth = np.stack([camera.X, camera.Y, camera.Z]) @ v
-    scale = 1.0 if camera.kind == "ORTHO" else np.maximum(depth, 1e-9)
-    w = camera.window
-    left, low = x / scale - w.left, y / scale - w.bottom
-    wide, tall = w.right - w.left, w.top - w.bottom
-    pixels = camera.pixels[0] / wide
-    middle = np.stack([left, low], axis=1) * pixels
-    size = radius * pixels / (1.0 if camera.kind == "ORTHO" else np.maximum(depth - radius, 1e-9))
-    end = np.array([wide, tall]) * pixels
-    is_whole = ((middle > size[:, None]) & (middle < end - size[:, None])).all(axis=1)
+    depth = np.ones(len(seen)) if camera.kind == "ORTHO" else np.maximum(camera.Z @ v, 1e-9)
+    nearest = depth if camera.kind == "ORTHO" else np.maximum(depth - radius, 1e-9)
+    middle = centers_in_picture(camera, v / depth).T
+    size = radius * camera.pixels_per_unit / nearest
+    low, high = size[:, None], np.array(camera.pixels) - size[:, None]
+    is_whole = ((middle > low) & (middle < high)).all(axis=1)
     is_whole &= (size >= LEAST_PIXELS) & (camera.kind != "PANO")
     kept: list[int] = []
     for agent in np.random.default_rng(0).permutation(np.flatnonzero(is_whole)):

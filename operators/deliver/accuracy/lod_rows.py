@@ -14,26 +14,27 @@ def lod_rows(builds: Sequence[Build], taken: Sequence[Taken]) -> list[dict[str, 
     """Return a row for each way.
 
     Times are of a frame, medians of the runs with least and most; memory is the process's peak, and
-    the crowd's part beyond the scene without it. Errors are None for NOBODY and EVERYONE, with
-    which the others are compared; predictions also for CULLED's rivals without a build.
+    the crowd's part beyond the scene without it. NOBODY and EVERYONE, with which the others are
+    compared, have neither errors nor predictions: these are None.
     """
     of_kind = {build.way.kind: each for build, each in zip(builds, taken, strict=True)}
-    bare_s, bare_mb = (float(np.median(each)) for each in _costs(of_kind[NOBODY]))
+    bare = of_kind[NOBODY]
+    bare_s = float(np.median(bare.cpu_s))
+    bare_mb = float(np.median(bare.peak_mb))
     culled_s = float(np.median(of_kind[CULLED].cpu_s))
     rows = []
     for build, each in zip(builds, taken, strict=True):
-        seconds, memory = _costs(each)
-        peak = float(np.median(memory))
+        peak = float(np.median(each.peak_mb))
         is_known = np.isfinite(peak)
         row = {
             "way": build.way.title,
             "kind": build.way.kind,
             "tolerance_px": build.way.tolerance,
-            "cpu_s": float(np.median(seconds)),
-            "cpu_s_least": min(seconds),
-            "cpu_s_most": max(seconds),
+            "cpu_s": float(np.median(each.cpu_s)),
+            "cpu_s_least": min(each.cpu_s),
+            "cpu_s_most": max(each.cpu_s),
             "wall_s": float(np.median(each.wall_s)),
-            "runs": len(seconds),
+            "runs": len(each.cpu_s),
             "peak_mb": peak if is_known else None,
             "crowd_mb": peak - bare_mb if is_known else None,
             "triangles": build.triangles / max(len(build.predicted), 1),
@@ -51,10 +52,6 @@ def lod_rows(builds: Sequence[Build], taken: Sequence[Taken]) -> list[dict[str, 
             row["predicted_px"], row["predicted_px_p99"] = _worst(predicted)
         rows.append(row)
     return rows
-
-
-def _costs(taken: Taken) -> tuple[list[float], list[float]]:
-    return taken.cpu_s, taken.peak_mb
 
 
 def _errors(build: Build, taken: Taken) -> dict[str, Any]:

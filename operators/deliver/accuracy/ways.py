@@ -5,16 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ....crowd_lod.levels.assignment import LEAST_GAP, deviations
+from ....crowd_lod.output.accuracy_sections import EVERYONE, NOBODY, TOLERANCE
 from ...scene.characters.stored_groups import groups_of
 from ...scene.scene_crowd import policy_of
 from ...scene.shot_reference import path_of
 
-# kinds of ways
-NOBODY = "without the crowd"
-EVERYONE = "full detail"
+# kinds of ways, beside those that verdicts name
 CULLED = "full detail, culled"
 DISTANCE = "by distance, at thirds"
-TOLERANCE = "by tolerance"
 AS_SET = "by distance, as set"
 PLANNED = "with a shot plan"
 TOLERANCES = 0.25, 0.5, 1.0, 2.0, 4.0, 8.0  # pixels
