@@ -191,8 +191,8 @@ def behavior_verdict(rows: Sequence[Row], found: Sensitivity) -> str:
     )
     if own["apart"]:
         verdict += (
-            f"; {own['apart']:.1%} of the agents are more than a centimeter off, whose way the "
-            f"table and the map leave to when a step ends"
+            f"; {own['apart']:.1%} of the agents are more than a centimeter off: where they turn "
+            f"follows from when a step ends, not from the table alone"
         )
     verdict += (
         f". Listing 1.1 takes {listing['cpu_ms']:.0f} ms and ends within "
