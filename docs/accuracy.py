@@ -57,8 +57,8 @@ def extremes() -> str:
         errors = [f"{row['quantity']} {row['error']:.2g} ({row['bound']:g})" for row in rows]
         lines.append(f"| {case} | {', '.join(errors)} |")
     about = (
-        "Plans and steps beside exact arithmetic. Agents are missed that can be seen, or kept in "
-        "vain beyond what renderers round; a distance's error is given as a part of its bound; "
+        "Plans and steps beside exact arithmetic. Agents are missed that can be seen, or drawn outside "
+        "the view beyond what renderers round; a distance's error is given as a part of its bound; "
         "agents are broken that are at NaN, off the map, in a wall or behind it."
     )
     count = len({row["case"] for row in result["rows"]})

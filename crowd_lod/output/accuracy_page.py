@@ -1,4 +1,4 @@
-"""The page of error against run time: three plots, each with a verdict and its numbers."""
+"""The page of error against run time: verdicts, each with its plots and its numbers."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,13 +12,47 @@ from . import svg_plots as svg
 from .html_report import STYLE, document, table_of
 from .tables import to_csv
 
-COLORS = "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7a5195", "#444444"
+COLORS = (
+    "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7a5195", "#444444",
+    "#8c564b", "#999933", "#882255", "#332288",
+)  # fmt: skip
 SHAPES = "circle", "square", "diamond", "up", "down", "left", "right"
 HEIGHT = 420  # of a plot, in pixels
-DASHED = "6 4"
+LOWER = 0.85  # times: points of the next line that lie on the floor, below those of the one before
 
 Row = dict[str, Any]  # of a table
-Value = Callable[[Row], float]
+
+
+@dataclass(frozen=True)
+class PlotAxis:
+    """A column that stands along an axis, by factors.
+
+    title: what it is.
+    floor: where values are drawn that are less; 0 for none. says: what it is.
+    tail: the column to which a thin line leads from each point; "" for none.
+    """
+
+    column: str
+    title: str
+    floor: float = 0.0
+    says: str = ""
+    tail: str = ""
+
+
+@dataclass(frozen=True)
+class Plot:
+    """A plot of what ways take, and how wrong they are.
+
+    line: the column that tells which points belong together.
+    label: the text beside a point; "" for none.
+    foretold: columns of a point's predicted x and y; None for none.
+    """
+
+    line: str
+    x: PlotAxis
+    y: PlotAxis
+    label: Callable[[Row], str]
+    foretold: tuple[str, str] | None = None
 
 
 @dataclass(frozen=True)
@@ -27,106 +61,80 @@ class Section:
 
     name: of its files.
     means: what the error means. verdict: what follows for the user. Sentences.
-    panels: plots; a section without any has sentences alone.
-    rows: of its table, and of its CSV.
+    rows: of its table, its CSV, and its plots.
     """
 
     name: str
     title: str
     means: str
     verdict: str
-    panels: Sequence[svg.Panel] = ()
+    plots: Sequence[Plot] = ()
     rows: Sequence[Row] = ()
 
-
-@dataclass(frozen=True)
-class PlotAxis:
-    """What stands along an axis of a plot.
-
-    floor: where values are drawn that are less; 0 for none. says: what it is.
-    """
-
-    title: str
-    floor: float = 0.0
-    says: str = ""
+    @property
+    def panels(self) -> list[svg.Panel]:
+        """The plots that there are points for, drawn."""
+        known = {
+            plot: [row for row in self.rows if None not in (row[plot.x.column], row[plot.y.column])]
+            for plot in self.plots
+        }
+        return [_panel(plot, rows) for plot, rows in known.items() if rows]
 
 
-@dataclass(frozen=True)
-class WayPoints:
-    """Points of a plot that belong together.
-
-    rows: their rows, in the order of the line through them.
-    label: of a row; "" for none.
-    zero: where values below the floor are drawn, as a part of it.
-    """
-
-    name: str
-    rows: Sequence[Row]
-    y: Value
-    x: Value
-    color: str
-    shape: str = "circle"
-    hollow: bool = False
-    line: bool = True
-    dash: str = ""
-    label: Callable[[Row], str] = lambda row: ""
-    spread: tuple[Value, Value] | None = None
-    zero: float = 1.0
-
-
-def panel(x: PlotAxis, y: PlotAxis, ways: Sequence[WayPoints]) -> svg.Panel:
-    """Return a plot by factors along both axes, with the default marked by a star."""
-    series = [_series(each, y.floor) for each in ways if len(each.rows)]
-    defaults = [
-        (each.x(row), _height(each, row, y.floor))
-        for each in ways
-        for row in each.rows
-        if row["default"] and not (each.hollow or each.dash)
-    ]
-    if defaults:
+def _panel(plot: Plot, rows: Sequence[Row]) -> svg.Panel:
+    """Return a plot of rows; the default is marked by a star."""
+    x_name, y_name, bottom = plot.x.column, plot.y.column, plot.y.floor
+    ends = f"{x_name}_least", f"{x_name}_most"
+    series, foretold, stars = [], [], []
+    for number, name in enumerate(dict.fromkeys(row[plot.line] for row in rows)):
+        floor = bottom * LOWER**number
+        look = COLORS[number % len(COLORS)], SHAPES[number % len(SHAPES)]
+        own = [row for row in rows if row[plot.line] == name]
+        points = _points(own, x_name, y_name, floor)
+        stars += [point for row, point in zip(own, points, strict=True) if row["default"]]
+        spread = [[row[end] for end in ends if end in row] for row in own]
         series.append(
             svg.Series(
-                "default", np.array(defaults), "#000000", shape="star", hollow=True, line=False
+                name,
+                points,
+                look[0],
+                shape=look[1],
+                line=len(own) > 1,
+                spread=np.array(spread) if spread[0] else None,
+                tails=_points(own, x_name, plot.y.tail or y_name, floor)[:, 1],
+                labels=[plot.label(row) for row in own],
             )
         )
-    points = np.concatenate([row.values for row in series])
-    low, high = points.min(axis=0), points.max(axis=0)
-    across = svg.across(x.title, float(low[0]) / 1.4, float(high[0]) * 1.8, log=True)
-    least = min(float(low[1]), y.floor or float(low[1])) / 2
-    up = svg.up(y.title, max(float(high[1]), 10 * y.floor) * 2, least, log=True, height=HEIGHT)
-    marks = [svg.level(across, up, y.floor, y.says)] if y.floor else []
-    marks.append(svg.curves(across, up, [row for row in series if row.line]))
-    taken: list[tuple[float, float]] = []
-    for row in series:
-        says = [f"{row.name}: {a:.3g}, {b:.3g}" for a, b in row.values]
-        marks += [
-            svg.bars(across, up, row),
-            svg.mark(across, up, row, row.shape, says),
-            svg.labels(across, up, row, taken),
-        ]
-    return svg.Panel(svg.plot(y.title, across, up, "\n".join(marks)), HEIGHT, series)
-
-
-def _height(ways: WayPoints, row: Row, floor: float) -> float:
-    return ways.y(row) if ways.y(row) > floor else floor * ways.zero
-
-
-def _series(ways: WayPoints, floor: float) -> svg.Series:
-    points = np.array([(ways.x(row), _height(ways, row, floor)) for row in ways.rows])
-    spread = None
-    if ways.spread is not None:
-        spread = np.array([[end(row) for end in ways.spread] for row in ways.rows])
-    return svg.Series(
-        ways.name,
-        points,
-        ways.color,
-        dash=ways.dash,
-        line=ways.line and len(points) > 1,
-        shape=ways.shape,
-        hollow=ways.hollow,
-        spread=spread,
-        labels=[ways.label(row) for row in ways.rows],
+        if plot.foretold is not None:
+            there = [row for row in own if row[plot.foretold[0]] is not None]
+            points = _points(there, *plot.foretold, floor)
+            foretold.append(svg.Series("predicted", points, *look, hollow=True, line=False))
+    star = svg.Series(
+        "default", np.array(stars).reshape(-1, 2), "#000000", "star", hollow=True, line=False
     )
+    drawn = [*series, *foretold, *[star][: len(stars)]]
+    shown = np.concatenate([row.values for row in drawn])
+    low, high = shown.min(axis=0), shown.max(axis=0)
+    x = svg.across(plot.x.title, low[0] / 1.4, high[0] * 1.8, log=True)
+    least = min([low[1], bottom, *(row.tails.min() for row in series if row.tails is not None)])
+    most = max(high[1], 3 * bottom)
+    y = svg.up(plot.y.title, most * 1.5, least / 1.5, log=True, height=HEIGHT)
+    marks = [svg.level(x, y, bottom, plot.y.says)]
+    marks.append(svg.curves(x, y, [row for row in drawn if row.line]))
+    taken: list[tuple[float, float]] = []
+    for row in drawn:
+        says = [f"{row.name}: {a:.3g}, {b:.3g}" for a, b in row.values]
+        marks.append(svg.bars(x, y, row))
+        marks.append(svg.mark(x, y, row, row.shape, says))
+        marks.append(svg.labels(x, y, row, taken))
+    legend = [*series, *foretold[:1], *[star][: len(stars)]]
+    return svg.Panel(svg.plot(plot.y.title, x, y, "\n".join(marks)), HEIGHT, legend)
+
+
+def _points(rows: Sequence[Row], x: str, y: str, floor: float) -> np.ndarray:
+    """Return the points (m, 2) of the rows; those below the floor lie on it."""
+    points = [(row[x], max(row[y], floor)) for row in rows]
+    return np.array(points, np.float64).reshape(-1, 2)
 
 
 def write_page(folder: Path, title: str, caption: str, sections: Sequence[Section]) -> list[str]:
@@ -134,43 +142,29 @@ def write_page(folder: Path, title: str, caption: str, sections: Sequence[Sectio
 
     caption: the machine, and how it was measured.
     """
-    files = {"report.html": _page(title, caption, sections)}
+    heading = f"{escape(title)}: error against run time"
+    parts = [f"<h1>{heading}</h1>", f"<p>{escape(caption)}</p>"]
+    files = {}
     for section in sections:
+        parts.append(f"<h2>{escape(section.title)}</h2>")
+        parts.append(f'<p class="verdict">{escape(section.verdict)}</p>')
+        parts.append(f"<p>{escape(section.means)}</p>")
+        if panels := section.panels:
+            sheet = svg.sheet(section.title, caption, panels)
+            files[f"{section.name}.svg"] = sheet
+            parts.append(f'<div class="scroll">{sheet}</div>')
         if section.rows:
             files[f"{section.name}.csv"] = f"# {caption}\n{to_csv(list(section.rows))}"
-        if section.panels:
-            files[f"{section.name}.svg"] = _sheet(section, caption)
+            head = [name.replace("_", " ") for name in section.rows[0]]
+            cells = [[_cell(value) for value in row.values()] for row in section.rows]
+            parts.append(table_of(head, cells))
+    files["report.html"] = document(heading, STYLE, parts)
     for name, text in files.items():
         (folder / name).write_text(text, encoding="utf-8")
     return sorted(files)
 
 
-def _sheet(section: Section, caption: str) -> str:
-    return svg.sheet(section.title, caption, section.panels)
-
-
-def _page(title: str, caption: str, sections: Sequence[Section]) -> str:
-    parts = [
-        f"<h1>{escape(title)}: error against run time</h1>",
-        f"<p>{escape(caption)}</p>",
-    ]
-    for section in sections:
-        parts += [
-            f"<h2>{escape(section.title)}</h2>",
-            f'<p class="verdict">{escape(section.verdict)}</p>',
-            f"<p>{escape(section.means)}</p>" if section.means else "",
-        ]
-        if section.panels:
-            parts.append(f'<div class="scroll">{_sheet(section, caption)}</div>')
-        if section.rows:
-            head = [name.replace("_", " ") for name in section.rows[0]]
-            parts.append(
-                table_of(head, [[_cell(value) for value in row.values()] for row in section.rows])
-            )
-    return document(f"{escape(title)}: error against run time", STYLE, parts)
-
-
 def _cell(value: Any) -> str:
     if isinstance(value, float):
-        return "-" if np.isnan(value) else f"{value:.3g}"
+        return f"{value:.3g}"
     return "-" if value is None else escape(str(value))

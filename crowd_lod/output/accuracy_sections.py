@@ -1,89 +1,82 @@
 """What the rows of error against run time show: plots, what their errors mean, and verdicts."""
 
-from collections.abc import Callable, Sequence
-from functools import partial
-from operator import itemgetter
-from typing import Any
+from collections.abc import Sequence
 
 from ..format import counted
 from ..validation.behavior_errors import APART, LISTING, Sensitivity
-from ..validation.culling_errors import BY_EYE, FRAMES, RADAR
+from ..validation.culling_errors import FRAMES, RADAR
 from . import svg_plots as svg
-from .accuracy_page import COLORS, DASHED, SHAPES, PlotAxis, Row, Section, WayPoints, panel
+from .accuracy_page import Plot, PlotAxis, Row, Section
 
 SAMPLED = 0.7  # pixels that an outline is known to, at two samples a pixel
 ROUNDED = 1e-6  # meters below which errors are drawn as rounding
-FEW_COLORS = 0.01  # of 1
 # kinds of ways to render a crowd
 NOBODY = "without the crowd"
 EVERYONE = "full detail"
 TOLERANCE = "by tolerance"
-# columns of an error: the worst, and the 99th percentile
-OUTLINES = "worst_px", "p99_px"
-COLOR_ERRORS = "colors_worst", "colors_p99"
+
+_SECONDS = PlotAxis("cpu_s", "processor seconds of a frame")
+_MEMORY = PlotAxis("peak_mb", "peak memory, MB")
+_OUTLINES = PlotAxis(
+    "worst_px", "outlines are off by, px", SAMPLED, "0.7 px: less cannot be measured", "p99_px"
+)
+_COLORS = PlotAxis(
+    "colors_worst", "colors are off by, of 1", 0.01, "0.01: hardly visible", "colors_p99"
+)
+_PLACES = PlotAxis(
+    "worst_m", "meters from the exact place", ROUNDED, "a micrometer: rounding", "p99_m"
+)
 
 
-def _of(name: str) -> Callable[[Row], Any]:
-    return itemgetter(name)
+def _way(row: Row) -> str:
+    return row["way"]
+
+
+def _rate(row: Row) -> str:
+    return "" if row["default"] else f"{row['steps_a_second']}"
+
+
+def _crowd(row: Row) -> str:
+    return svg.short(row["agents"]) if row["default"] else ""
+
+
+LOD_PLOTS = (
+    Plot("kind", _SECONDS, _OUTLINES, _way, ("predicted_s", "predicted_px")),
+    Plot("kind", _MEMORY, _OUTLINES, _way, ("predicted_mb", "predicted_px")),
+    Plot("kind", _SECONDS, _COLORS, _way),
+)
+BEHAVIOR_PLOTS = (
+    Plot("way", PlotAxis("cpu_ms", "processor ms for a second of the scene"), _PLACES, _rate),
+)
+CULLING_PLOTS = tuple(
+    Plot(
+        "way",
+        PlotAxis("cpu_ms", "processor ms of a frame"),
+        PlotAxis(column, title, 0.1, "none (spread out below)"),
+        _crowd,
+    )
+    for column, title in (
+        ("missed", "visible agents that are missed"),
+        ("outside", "agents drawn outside the view"),
+        ("lods_off", "agents in a wrong LOD"),
+    )
+)
+_TAILS = "A mark is the worst, the line from it leads to the 99th percentile"
 
 
 def lod_section(rows: Sequence[Row], pictures: str) -> Section:
     """Return the section on LODs.
 
-    rows: of operators/deliver/accuracy/lod_rows.py.
+    rows: of operators/deliver/accuracy/renders.py.
     pictures: what was rendered, in sentences.
     """
-    seconds = PlotAxis("processor seconds of a frame")
-    memory = PlotAxis("peak memory, MB")
-    outlines = PlotAxis("outlines are off by, px", SAMPLED, "0.7 px: less cannot be measured")
-    colors = PlotAxis("colors are off by, of 1", FEW_COLORS, "0.01: hardly visible")
-    plots = [
-        (seconds, outlines, _lod_ways(rows, "cpu_s", OUTLINES, "predicted_s")),
-        (memory, outlines, _lod_ways(rows, "peak_mb", OUTLINES, "predicted_mb")),
-        (seconds, colors, _lod_ways(rows, "cpu_s", COLOR_ERRORS)),
-    ]
-    panels = [panel(x, y, ways) for x, y, ways in plots if any(each.rows for each in ways)]
     means = (
         "Error: how far outlines of agents lie from those at full detail, in pixels of the scene's "
         "own renders, each way, of agents who do not hide one another; and how far colors of 8 x 8 "
-        "pixels are from full detail's. Hollow marks are what was predicted. LODs are those that "
-        f"the scene has: a tolerance only moves where they begin. {pictures}"
+        f"pixels are from full detail's. {_TAILS}; hollow marks are what was predicted. LODs are "
+        f"those that the scene has: a tolerance only moves where they begin. {pictures}"
     )
-    return Section("lods", "LODs", means, lod_verdict(rows), panels, rows)
-
-
-def _lod_ways(
-    rows: Sequence[Row], cost: str, error: tuple[str, str], predicted: str = ""
-) -> list[WayPoints]:
-    """Return the points of a plot: by tolerance, a line; of other ways, a mark each.
-
-    cost, error: columns. predicted: that of the cost which was predicted, "" for none.
-    """
-    worst, p99 = error
-    rows = [row for row in rows if row[worst] is not None and row[cost] is not None]
-    tolerant = [row for row in rows if row["kind"] == TOLERANCE]
-    foretold = [row for row in tolerant if predicted and row[predicted] is not None]
-    spread = (_of("cpu_s_least"), _of("cpu_s_most")) if cost == "cpu_s" else None
-    marks = partial(WayPoints, label=_of("way"), spread=spread)
-    ways = [
-        marks("LODs by tolerance, worst", tolerant, _of(worst), _of(cost), COLORS[0]),
-        WayPoints(
-            "99th percentile", tolerant, _of(p99), _of(cost), COLORS[5], "square", dash=DASHED
-        ),
-        WayPoints(
-            "predicted, worst",
-            foretold,
-            _of("predicted_px"),
-            _of(predicted),
-            COLORS[0],
-            hollow=True,
-            line=False,
-        ),
-    ]
-    others = [row for row in rows if row["kind"] != TOLERANCE]
-    for row, color, shape in zip(others, COLORS[1:5] + COLORS[6:], SHAPES[2:] * 2, strict=False):
-        ways.append(marks(row["way"], [row], _of(worst), _of(cost), color, shape))
-    return ways
+    return Section("lods", "LODs", means, lod_verdict(rows), LOD_PLOTS, rows)
 
 
 def lod_verdict(rows: Sequence[Row]) -> str:
@@ -108,14 +101,14 @@ def lod_verdict(rows: Sequence[Row]) -> str:
 
 def _outlines(own: Row) -> str:
     """Return how far the outlines of a way are off, in words."""
+    agents = counted(own["measured"], "agent")
     if not own["measured"]:
         return "outlines are not measured, for no agent stands whole and large enough in a picture"
     if own["worst_px"] is None:
-        return f"all of the {counted(own['measured'], 'agent')} measured are missing"
-    measured = f"{counted(own['measured'], 'agent')} measured"
-    if own["missing"]:
-        measured += f", {own['missing']} of them missing"
-    return f"outlines are off by {_pixels(own['worst_px'])} ({measured})"
+        return f"all of the {agents} measured are missing"
+    missing = f", {own['missing']} of them missing" * (own["missing"] > 0)
+    off = f"{own['worst_px']:.1f} px at most" if own["worst_px"] > SAMPLED else "less than 0.7 px"
+    return f"outlines are off by {off} ({agents} measured{missing})"
 
 
 def _neighbors(rows: Sequence[Row], own: Row) -> list[str]:
@@ -145,39 +138,16 @@ def _differ(row: Row, other: Row) -> bool:
     return bool(several and apart)
 
 
-def _pixels(error: float) -> str:
-    return f"{error:.1f} px at most" if error > SAMPLED else f"less than {SAMPLED} px"
-
-
 def behavior_section(rows: Sequence[Row], found: Sensitivity) -> Section:
     """Return the section on behavior."""
-    ways = []
-    names = list(dict.fromkeys(row["way"] for row in rows))
-    for number, name in enumerate(names):
-        own = [row for row in rows if row["way"] == name]
-        marks = partial(
-            WayPoints, rows=own, x=_of("cpu_ms"), color=COLORS[number], shape=SHAPES[number]
-        )
-        steps = _steps if len(own) > 1 else (lambda row: "")
-        ways += [
-            marks(f"{name}, worst agent", y=_of("worst_m"), label=steps),
-            marks(f"{name}, 99th percentile", y=_of("p99_m"), hollow=True, dash=DASHED),
-        ]
-    x = PlotAxis("processor ms for a second of the scene")
-    y = PlotAxis("meters from the exact place", ROUNDED, "a micrometer: rounding")
     means = (
         f"Error: how far agents are in the end from where exact arithmetic sees them, which shares "
         f"no line of the steps ({rows[0]['judged']:,} of {counted(rows[0]['agents'], 'agent')} "
-        f"judged). Listing 1.1 is the chapter's to the letter, without timers. Labels: steps a "
-        f"second."
+        f"judged). {_TAILS}; numbers are steps a second. Listing 1.1 is the chapter's to the "
+        f"letter, without timers."
     )
-    return Section(
-        "behavior", "Behavior", means, behavior_verdict(rows, found), [panel(x, y, ways)], rows
-    )
-
-
-def _steps(row: Row) -> str:
-    return f"{row['steps_a_second']}"
+    verdict = behavior_verdict(rows, found)
+    return Section("behavior", "Behavior", means, verdict, BEHAVIOR_PLOTS, rows)
 
 
 def behavior_verdict(rows: Sequence[Row], found: Sensitivity) -> str:
@@ -217,72 +187,35 @@ def _meters(length: float) -> str:
 
 def culling_section(rows: Sequence[Row]) -> Section:
     """Return the section on culling and LODs of a frame."""
-    x = PlotAxis("processor ms of a frame")
-    panels = []
-    for column, says in (
-        ("missed", "visible agents that are missed, of 1,000 visible"),
-        ("in_vain", "agents kept in vain, of 1,000 visible"),
-    ):
-        y = PlotAxis(says, 0.01, "none (spread out below)")
-        panels.append(panel(x, y, _culling_ways(rows, _of_thousand(column))))
     means = (
-        "Error: agents whose bounding sphere the camera's planes touch and who were left out "
-        "(missed), or the other way round (kept in vain), and LODs off by one or more; exact "
-        "rationals decide. What frames keep in vain is for the pixel filter, blur, and the "
-        "renderer's rounding. Lines lead from crowd to crowd."
+        "Error: agents whose bounding sphere the camera's planes touch and who are not drawn "
+        "(missed), those drawn outside the view, and those in a wrong LOD; exact rationals decide. "
+        "What frames draw outside the view is for the pixel filter, blur, and the renderer's "
+        "rounding. Lines lead from crowd to crowd."
     )
-    return Section(
-        "culling", "Culling and LODs of a frame", means, culling_verdict(rows), panels, rows
-    )
-
-
-def _culling_ways(rows: Sequence[Row], value: Callable[[Row], float]) -> list[WayPoints]:
-    """Return the points of a plot, a line for each way; those without any error lie apart."""
-    ways = []
-    names = dict.fromkeys((row["way"], row["delta_m"]) for row in rows)
-    for number, (name, delta) in enumerate(names):
-        ways.append(
-            WayPoints(
-                name if delta == "" else f"{name}, {delta:g} m",
-                [row for row in rows if (row["way"], row["delta_m"]) == (name, delta)],
-                value,
-                _of("cpu_ms"),
-                COLORS[number % len(COLORS)],
-                SHAPES[number % len(SHAPES)],
-                label=_crowd if number == 0 else (lambda row: ""),
-                zero=0.85**number,
-            )
-        )
-    return ways
-
-
-def _of_thousand(column: str) -> Callable[[Row], float]:
-    return lambda row: 1000 * row[column] / max(row["visible"], 1)
-
-
-def _crowd(row: Row) -> str:
-    return svg.short(row["agents"])
+    title = "Culling and LODs of a frame"
+    plots = CULLING_PLOTS[: 2 + any(row["lods_off"] for row in rows)]
+    return Section("culling", title, means, culling_verdict(rows), plots, rows)
 
 
 def culling_verdict(rows: Sequence[Row]) -> str:
     """Return what frames take and get wrong in the largest crowd, beside other ways."""
     largest = max(row["agents"] for row in rows)
     of_largest = [row for row in rows if row["agents"] == largest]
-    own = next(row for row in of_largest if row["way"] == FRAMES)
-    every = next(row for row in of_largest if row["way"] == RADAR)
+    own, every = (next(row for row in of_largest if row["way"] == name) for name in (FRAMES, RADAR))
     missed = "misses nobody" if not own["missed"] else f"misses {own['missed']:,.0f} agents"
     lods = "all LODs exact" if not own["lods_off"] else f"{own['lods_off']:,.0f} LODs off"
     verdict = (
-        f"Of {counted(largest, 'agent')} a frame {missed}, keeps {own['in_vain']:,.0f} in vain "
-        f"({own['visible']:,.0f} are visible), {lods}, in {own['cpu_ms']:.2g} ms; radar over every "
-        f"agent takes {every['cpu_ms']:.2g} ms."
+        f"Of {counted(largest, 'agent')} a frame {missed}, draws {own['outside']:,.0f} agents "
+        f"outside the view ({own['visible']:,.0f} are visible), {lods}, in {own['cpu_ms']:.2g} ms; "
+        f"radar over every agent takes {every['cpu_ms']:.2g} ms."
     )
-    by_eye = [row for row in of_largest if row["way"] == BY_EYE]
+    by_eye = [row for row in of_largest if row["delta_m"] != ""]
     if by_eye:
         least = min(by_eye, key=lambda row: row["missed"])
         verdict += (
             f" The chapter's Delta, set by eye, misses {least['missed']:,.0f} at best (at "
-            f"{least['delta_m']:g} m, keeping {least['in_vain']:,.0f} in vain)."
+            f"{least['delta_m']:g} m, drawing {least['outside']:,.0f} outside the view)."
         )
     return verdict
 
@@ -295,4 +228,5 @@ def left_out_section(rows: Sequence[Row]) -> Section:
         for row in rows
     ]
     verdict = " ".join(sentences) or "This scene needs every step of a frame: nothing is skipped."
-    return Section("left_out", "Left out", "", verdict, (), rows)
+    means = "Time of what a frame leaves out, beside that of plain functions that do it."
+    return Section("left_out", "Left out", means, verdict, (), rows)

@@ -47,20 +47,21 @@ class Series:
 
     values: (F,), or for points and curves (m, 2) of x and y.
     color: CSS.
-    dash: of its line, as SVG's stroke-dasharray; "" for none. line: whether it has a line.
     shape: of its marks, one of MARKS. hollow: whether they have no filling.
+    line: whether it has a line.
     spread: (m, 2), the least and the greatest x of each point; None without.
+    tails: (m,), the y to which a thin line leads from each point; None without.
     labels: a text beside each point; () without.
     """
 
     name: str
     values: np.ndarray
     color: str
-    dash: str = ""
-    line: bool = True
     shape: str = "circle"
     hollow: bool = False
+    line: bool = True
     spread: np.ndarray | None = None
+    tails: np.ndarray | None = None
     labels: Sequence[str] = ()
 
 
@@ -234,8 +235,7 @@ def curves(x: Scale, y: Scale, rows: Sequence[Series]) -> str:
             f"{_text(a)},{_text(b)}"
             for a, b in zip(x.place(row.values[:, 0]), y.place(row.values[:, 1]), strict=True)
         )
-        dashes = f' stroke-dasharray="{row.dash}"' if row.dash else ""
-        line = f'class="line" stroke="{row.color}"{dashes} points="{points}"'
+        line = f'class="line" stroke="{row.color}" points="{points}"'
         parts.append(f"<polyline {line}>{_hover(row.name)}</polyline>")
     return "\n".join(parts)
 
@@ -256,11 +256,14 @@ def _paint(row: Series) -> str:
 
 
 def bars(x: Scale, y: Scale, row: Series) -> str:
-    """Return a level bar over the spread of each point of the row; nothing if it has none."""
-    if row.spread is None:
-        return ""
-    ends = zip(*x.place(row.spread.T), y.place(row.values[:, 1]), strict=True)
-    path = "".join(f"M{_text(least)},{_text(at)}H{_text(most)}" for least, most, at in ends)
+    """Return a level bar over the spread of each point of the row, and its tail, if it has any."""
+    across, up = x.place(row.values[:, 0]), y.place(row.values[:, 1])
+    left, right = (across, across) if row.spread is None else x.place(row.spread.T)
+    tails = up if row.tails is None else y.place(row.tails)
+    path = "".join(
+        f"M{_text(a)},{_text(b)}H{_text(c)}M{_text(d)},{_text(b)}V{_text(e)}"
+        for a, b, c, d, e in zip(left, up, right, across, tails, strict=True)
+    )
     return f'<path stroke="{row.color}" stroke-width="0.8" d="{path}"/>'
 
 
@@ -321,8 +324,7 @@ def sheet(title: str, caption: str, panels: Sequence[Panel]) -> str:
 
 
 def _legend_entry(row: Series, name_lines: Sequence[str]) -> str:
-    dashes = f' stroke-dasharray="{row.dash}"' if row.dash else ""
-    line = f'<path class="line" stroke="{row.color}"{dashes} d="M0,0H34"/>' if row.line else ""
+    line = f'<path class="line" stroke="{row.color}" d="M0,0H34"/>' if row.line else ""
     mark = f'<path class="mark" {_paint(row)} d="{MARKS[row.shape]}" transform="translate(17,0)"/>'
     texts = [
         f'<text x="42" y="{LEGEND_ROW * k}" dy=".33em">{escape(text)}</text>'
@@ -352,8 +354,10 @@ def _text(value: np.ndarray | float) -> str:
 
 
 def short(value: float) -> str:
-    """Return the value in few letters, such as 12k or 1.5M."""
+    """Return the value in few letters, such as 12k, 1.5M or 2e-5."""
     for size, letter in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
         if abs(value) >= size * (1 - 1e-9):
             return f"{value / size:.3g}{letter}"
+    if 0 < abs(value) < 1e-3 * (1 - 1e-9):
+        return np.format_float_scientific(value, 2, trim="-", exp_digits=1)
     return f"{value:.3g}"

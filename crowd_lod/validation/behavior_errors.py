@@ -1,4 +1,4 @@
-"""Behavior: how far ways to step a crowd lead from its exact way, and what each takes.
+"""Behavior: how far ways to step crowds lead from their exact ways, and what each takes.
 
 The judge is validation/exact_behavior.py, which shares no line of the steps. Rows are flat dicts
 that share their keys, for CSV and plots.
@@ -7,6 +7,7 @@ that share their keys, for CSV and plots.
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
 
 import numpy as np
 
@@ -35,7 +36,6 @@ class Sensitivity:
     apart: of `judged` agents, those that end over APART from each other.
     until: frames from the start for which nobody is; None if nobody ever is.
     farthest: meters, in the end.
-    shift: meters.
     """
 
     apart: int
@@ -46,41 +46,37 @@ class Sensitivity:
 
 
 def compare_behavior(
-    walk: Walk, frames: int, runs: int, rates: Sequence[int] = RATES
+    walks: Sequence[Walk], frames: int, runs: int, rates: Sequence[int] = RATES
 ) -> Iterator[dict]:
-    """Yield a row for each way to step the crowd through `frames`.
+    """Yield a row for each way to step all crowds through `frames`.
 
-    Errors are those of up to JUDGED agents at the end, meters. Times are of all agents, for a
-    second of the scene.
+    Errors are those of some JUDGED agents at the end, meters. Times are of all agents, for a second
+    of the scene.
 
     runs: of each way, at least.
     rates: steps a second of the ways that are not frames'.
     """
-    judged = _judged(walk)
-    seconds = frames * walk.seconds_per_frame
-    truth = follow_exactly(
-        judged.start, walk.machine, walk.world, walk.seconds_per_frame, frames, limit=True
-    )
-    ways: dict[tuple[str, int], Callable[[Walk], Crowd]] = {
-        (FRAMES, round(1 / walk.seconds_per_frame)): partial(_by_frames, frames=frames)
-    }
-    for rate in rates:
+    judged = _judged(walks)
+    pace = walks[0].seconds_per_frame
+    seconds = frames * pace
+    truths = [
+        follow_exactly(walk.start, walk.machine, walk.world, pace, frames, limit=True)
+        for walk in judged
+    ]
+    by_frames = partial(_by_frames, frames=frames)
+    ways: dict[tuple[str, int], Callable[[Walk], Crowd]] = {(FRAMES, round(1 / pace)): by_frames}
+    for rate, (name, step) in product(rates, ((LISTING, step_by_listing), (CUT, _cut))):
         steps = max(1, round(seconds * rate))
-        for name, step in ((LISTING, step_by_listing), (CUT, _cut)):
-            ways[name, rate] = partial(_by_steps, step=step, steps=steps, seconds=seconds / steps)
-    times = time_in_turn({key: partial(way, walk) for key, way in ways.items()}, runs)
-    for key, way in ways.items():
-        name, rate = key
-        error = _distances(way(judged), truth, walk)
-        spent = {
-            column: value / seconds if "ms" in column else value
-            for column, value in times[key].row.items()
-        }
+        ways[name, rate] = partial(_by_steps, step=step, steps=steps, seconds=seconds / steps)
+    times = time_in_turn({key: partial(_ends, way, walks) for key, way in ways.items()}, runs)
+    for (name, rate), way in ways.items():
+        ends = zip(_ends(way, judged), truths, judged, strict=True)
+        error = np.concatenate([_off(*each) for each in ends])
         yield {
             "way": name,
             "steps_a_second": rate,
-            "agents": len(walk.start),
-            **spent,
+            "agents": sum(len(walk.start) for walk in walks),
+            **times[name, rate].row(seconds),
             "judged": len(error),
             "worst_m": float(error.max(initial=0)),
             "p99_m": float(np.quantile(error, 0.99)) if len(error) else 0.0,
@@ -89,19 +85,20 @@ def compare_behavior(
         }
 
 
-def sensitivity(walk: Walk, frames: int) -> Sensitivity:
+def sensitivity(walks: Sequence[Walk], frames: int) -> Sensitivity:
     """Return how far rounding leads agents apart in `frames` frames."""
-    judged = _judged(walk)
-    random = np.random.default_rng(0)
-    start = judged.start
-    shift = ULPS * float(np.spacing(np.nanmax(np.abs([start.x, start.y]))))
-    x, y = shift * random.choice((-1.0, 1.0), (2, len(start)))
-    other = replace(judged, start=replace(start, x=start.x + x, y=start.y + y))
-    away = np.zeros(len(judged.start))
+    judged = _judged(walks)
+    places = [column for walk in judged for column in (walk.start.x, walk.start.y)]
+    shift = ULPS * float(np.spacing(max(np.nanmax(np.abs(each)) for each in places)))
+    others = [_moved(walk, shift) for walk in judged]
+    away = np.zeros(0)
     until = None
     for frame in range(1, frames + 1):
-        time = walk.first_frame + frame
-        away = _apart(judged.at(time), other.at(time), walk)
+        pairs = [
+            (walk.at(walk.first_frame + frame), other.at(other.first_frame + frame), walk)
+            for walk, other in zip(judged, others, strict=True)
+        ]
+        away = np.concatenate([_apart(*each) for each in pairs])
         if until is None and (away > APART).any():
             until = frame - 1
     apart = int((away > APART).sum())
@@ -121,14 +118,28 @@ def step_by_listing(crowd: Crowd, machine: StateMachine, world: LabelMap, second
     return replace(crowd, x=x, y=y, state=machine.following(crowd.state, label, crowd.key))
 
 
-def _judged(walk: Walk) -> Walk:
-    """Return the walk of the agents that are judged, on flat ground."""
-    agents = np.array(spread_evenly(range(len(walk.start)), JUDGED), np.intp)
-    return replace(walk, start=walk.start.of(agents), heights=None, tilts=False)
+def _judged(walks: Sequence[Walk]) -> list[Walk]:
+    """Return the walks of the agents that are judged, on flat ground."""
+    shares = [spread_evenly(range(len(walk.start)), JUDGED // len(walks)) for walk in walks]
+    return [
+        replace(walk, start=walk.start.of(np.array(agents, np.intp)), heights=None, tilts=False)
+        for walk, agents in zip(walks, shares, strict=True)
+    ]
+
+
+def _moved(walk: Walk, shift: float) -> Walk:
+    """Return the walk whose starts are moved by `shift` meters along both axes, at random."""
+    start = walk.start
+    x, y = shift * np.random.default_rng(0).choice((-1.0, 1.0), (2, len(start)))
+    return replace(walk, start=replace(start, x=start.x + x, y=start.y + y))
 
 
 def _cut(crowd: Crowd, machine: StateMachine, world: LabelMap, seconds: float) -> Crowd:
     return advance(crowd, machine, world, seconds)[0]
+
+
+def _ends(way: Callable[[Walk], Crowd], walks: Sequence[Walk]) -> list[Crowd]:
+    return [way(walk) for walk in walks]
 
 
 def _by_frames(walk: Walk, frames: int) -> Crowd:
@@ -147,13 +158,12 @@ def _by_steps(walk: Walk, step: Callable[..., Crowd], steps: int, seconds: float
     return crowd
 
 
-def _distances(crowd: Crowd, truth: ExactPlaces, walk: Walk) -> np.ndarray:
+def _off(crowd: Crowd, truth: ExactPlaces, walk: Walk) -> np.ndarray:
     """Return how far agents are from where the judge sees them, (k,) meters.
 
     Agents that chatter, and those on which the judge gave up, are left out.
     """
-    known = ~(truth.chatters | truth.unknown)
-    return _apart(crowd, truth, walk)[known]
+    return _apart(crowd, truth, walk)[~(truth.chatters | truth.unknown)]
 
 
 def _apart(crowd: Crowd | ExactPlaces, other: Crowd | ExactPlaces, walk: Walk) -> np.ndarray:

@@ -90,33 +90,24 @@ class Rules:
         self.velocity = [
             [tuple(map(Fraction, rule)) for rule in rules] for rules in machine.velocity.tolist()
         ]
-        self.low = Fraction(float(world.area.x_min)), Fraction(float(world.area.y_min))
-        self.high = Fraction(float(world.area.x_max)), Fraction(float(world.area.y_max))
+        area = world.area
+        self.low = Fraction(float(area.x_min)), Fraction(float(area.y_min))
+        self.high = Fraction(float(area.x_max)), Fraction(float(area.y_max))
         self.count = world.labels.shape[::-1]
-        self.size = tuple(
-            (high - low) / count
-            for low, high, count in zip(self.low, self.high, self.count, strict=True)
-        )
+        ends = zip(self.low, self.high, self.count, strict=True)
+        self.size = tuple((high - low) / count for low, high, count in ends)
 
     def border(self, axis: int, cell: int, way: int) -> Fraction:
         """Return the coordinate, meters, of a cell's border in the direction `way`, -1 or 1."""
         line = cell + (way > 0)
-        return (
-            self.high[axis] if line == self.count[axis] else self.low[axis] + line * self.size[axis]
-        )
-
-    def draw(self, certain: int, choice: int, key: np.ndarray, stream: np.uint64) -> int:
-        """Return the next state: `certain`, or by the odds in row `choice` if that is not -1."""
-        if choice < 0:
-            return certain
-        draw = random_streams.uniform(key, stream)[0]
-        return int(np.count_nonzero(draw >= self.machine.odds[choice]))
+        if line == self.count[axis]:
+            return self.high[axis]
+        return self.low[axis] + line * self.size[axis]
 
 
 class NextBorder(NamedTuple):
-    """The border of a cell that an agent reaches next.
+    """The border of a cell that an agent reaches next, in so many seconds.
 
-    seconds: until then.
     axis: 0 along x, 1 along y.
     way: -1 or 1.
     """
@@ -141,8 +132,8 @@ class ExactAgent:
 
     def __init__(self, crowd: Crowd, index: int, rules: Rules):
         self.rules = rules
-        start = Fraction(float(crowd.x[index])), Fraction(float(crowd.y[index]))
-        self.place = self._onto_map(start)
+        self.place: tuple[Fraction, ...]
+        self.place = Fraction(float(crowd.x[index])), Fraction(float(crowd.y[index]))
         column, row = rules.world.cells(crowd.x[index : index + 1], crowd.y[index : index + 1])
         self.cell: tuple[int, ...] = int(column[0]), int(row[0])
         self.state = int(crowd.state[index])
@@ -151,25 +142,21 @@ class ExactAgent:
         self.wait = Fraction(wait) if np.isfinite(wait) else None
         self.key = crowd.key[index : index + 1].copy()
         self.ending = ARRIVED
+        self._walk((Fraction(0), Fraction(0)), Fraction(0))  # onto the map
 
     def go(self, seconds: float, limit: bool = False) -> None:
         """Go on for `seconds`; limit: see follow_exactly."""
         rest = Fraction(float(seconds))
         rest_before: dict[tuple, Fraction] = {}
+        machine = self.rules.machine
         for _ in range(MOST_PIECES):
             if rest <= 0:
                 self.ending = ARRIVED
                 return
             if self.wait is not None and self.wait <= 0:
-                self._end_timer()
-            condition = (
-                *self.place,
-                *self.cell,
-                self.state,
-                self.mirror,
-                self.wait,
-                int(self.key[0]),
-            )
+                then, choice = machine.then[self.state], machine.then_choice[self.state]
+                self._enter(self._draw(then, choice, random_streams.THEN))
+            condition = self.place, self.cell, self.state, self.mirror, self.wait, int(self.key[0])
             if condition in rest_before:
                 # All that determines its way is as before, so the same round repeats.
                 round_trip = rest_before[condition] - rest
@@ -185,28 +172,35 @@ class ExactAgent:
 
     def _go_piece(self, rest: Fraction, limit: bool) -> Fraction:
         """Read the table once and walk to the next border or event; return the seconds taken."""
+        machine = self.rules.machine
         label = self._label()
         velocity = self._velocity(label)
-        changed = self._change_state(label)
+        rule = self.state, label
+        choice = machine.next_choice[rule]
+        following = self._draw(machine.next_state[rule], choice, random_streams.STATE)
+        changed = following != self.state
+        if changed:
+            self.mirror = 0
+            self._enter(following)
         span = rest if self.wait is None else min(rest, self.wait)
+        border = self._next_border(velocity)
         if limit and changed:
             span = Fraction(0)
-        border = self._next_border(velocity)
-        if border is not None and (
-            border.seconds == 0 if limit and changed else border.seconds < span
-        ):
-            self._walk(velocity, border.seconds)
-            self._cross(border, label)
-            return border.seconds
+            crosses = border is not None and border.seconds == 0
+        else:
+            crosses = border is not None and border.seconds < span
+        if border is not None and crosses:
+            span = border.seconds
         self._walk(velocity, span)
+        if border is not None and crosses:
+            self._cross(border)
+            if self._label() != label:
+                self._next_event()
         return span
 
     def _walk(self, velocity: tuple[Fraction, ...], seconds: Fraction) -> None:
-        self.place = self._onto_map(
-            tuple(
-                place + speed * seconds for place, speed in zip(self.place, velocity, strict=True)
-            )
-        )
+        ends = zip(self.place, velocity, self.rules.low, self.rules.high, strict=True)
+        self.place = tuple(min(max(at + v * seconds, low), high) for at, v, low, high in ends)
         if self.wait is not None:
             self.wait -= seconds
 
@@ -216,49 +210,29 @@ class ExactAgent:
 
     def _velocity(self, label: int) -> tuple[Fraction, ...]:
         rules = self.rules
-        velocity = []
-        for axis, speed in enumerate(rules.velocity[self.state][label]):
-            speed = -speed if self.mirror >> axis & 1 else speed
-            velocity.append(speed)
-        if rules.edge == "stop":
-            for place, low, high, speed in zip(
-                self.place, rules.low, rules.high, velocity, strict=True
-            ):
-                if (place <= low and speed < 0) or (place >= high and speed > 0):
-                    return Fraction(0), Fraction(0)
-        return tuple(velocity)
+        speeds = enumerate(rules.velocity[self.state][label])
+        velocity = tuple(-v if self.mirror >> axis & 1 else v for axis, v in speeds)
+        for at, v, low, high in zip(self.place, velocity, rules.low, rules.high, strict=True):
+            if rules.edge == "stop" and ((at <= low and v < 0) or (at >= high and v > 0)):
+                return Fraction(0), Fraction(0)
+        return velocity
 
-    def _change_state(self, label: int) -> bool:
-        """Take the next state for the label; return whether it is another one."""
-        machine = self.rules.machine
-        choice = int(machine.next_choice[self.state, label])
-        following = self.rules.draw(
-            int(machine.next_state[self.state, label]), choice, self.key, random_streams.STATE
-        )
-        changed = following != self.state
-        self.state = following
-        if changed:
-            self.mirror = 0
-            self._next_event()
-            self._start_timer()
-        return changed
+    def _draw(self, certain: int, choice: int, stream: np.uint64) -> int:
+        """Return the next state: `certain`, or by the odds in row `choice` if that is not -1."""
+        if choice < 0:
+            return int(certain)
+        draw = random_streams.uniform(self.key, stream)[0]
+        return int(np.count_nonzero(draw >= self.rules.machine.odds[choice]))
 
-    def _end_timer(self) -> None:
-        machine = self.rules.machine
-        choice = int(machine.then_choice[self.state])
-        self.state = self.rules.draw(
-            int(machine.then[self.state]), choice, self.key, random_streams.THEN
-        )
+    def _enter(self, state: int) -> None:
+        """Change into the state, and start its timer."""
+        self.state = state
         self._next_event()
-        self._start_timer()
-
-    def _start_timer(self) -> None:
-        least, most = self.rules.machine.after[self.state].tolist()
-        if not np.isfinite(least):
-            self.wait = None
-            return
-        share = Fraction(float(random_streams.uniform(self.key, random_streams.TIME)[0]))
-        self.wait = Fraction(least) + Fraction(most - least) * share
+        least, most = self.rules.machine.after[state].tolist()
+        self.wait = None
+        if np.isfinite(least):
+            share = Fraction(float(random_streams.uniform(self.key, random_streams.TIME)[0]))
+            self.wait = Fraction(least) + Fraction(most - least) * share
 
     def _next_event(self) -> None:
         if self.rules.machine.chancy:
@@ -266,27 +240,24 @@ class ExactAgent:
 
     def _next_border(self, velocity: tuple[Fraction, ...]) -> NextBorder | None:
         """Return the first border ahead, that in x if both are as near; None if there is none."""
-        nearest: NextBorder | None = None
+        rules = self.rules
+        ahead = []
         for axis, speed in enumerate(velocity):
-            if speed == 0:
-                continue
             way = 1 if speed > 0 else -1
-            if self.rules.edge == "clamp" and not self._on_map(axis, self.cell[axis] + way):
-                continue
-            seconds = (self.rules.border(axis, self.cell[axis], way) - self.place[axis]) / speed
-            if nearest is None or seconds < nearest.seconds:
-                nearest = NextBorder(seconds, axis, way)
-        return nearest
+            ends = rules.edge == "clamp" and not self._on_map(axis, self.cell[axis] + way)
+            if speed != 0 and not ends:
+                line = rules.border(axis, self.cell[axis], way)
+                ahead.append(NextBorder((line - self.place[axis]) / speed, axis, way))
+        return min(ahead, key=lambda border: border.seconds, default=None)
 
     def _on_map(self, axis: int, cell: int) -> bool:
         return 0 <= cell < self.rules.count[axis]
 
-    def _cross(self, border: NextBorder, label: int) -> None:
-        """Go over the border on which the agent stands, out of a cell of this label."""
+    def _cross(self, border: NextBorder) -> None:
+        """Go over the border on which the agent stands."""
         rules = self.rules
         axis = border.axis
-        place = list(self.place)
-        cell = list(self.cell)
+        place, cell = list(self.place), list(self.cell)
         beyond = cell[axis] + border.way
         if self._on_map(axis, beyond):
             cell[axis] = beyond
@@ -295,13 +266,4 @@ class ExactAgent:
             place[axis] = rules.low[axis] if border.way > 0 else rules.high[axis]
         elif rules.edge == "reflect":
             self.mirror ^= 1 << axis
-        self.place = tuple(place)
-        self.cell = tuple(cell)
-        if self._label() != label:
-            self._next_event()
-
-    def _onto_map(self, place: tuple[Fraction, ...]) -> tuple[Fraction, ...]:
-        return tuple(
-            min(max(p, low), high)
-            for p, low, high in zip(place, self.rules.low, self.rules.high, strict=True)
-        )
+        self.place, self.cell = tuple(place), tuple(cell)

@@ -1,6 +1,6 @@
-"""The judge of the culling: sphere against frustum in exact rational arithmetic.
+"""The judge of culling and LODs: spheres against a frustum in exact rational arithmetic.
 
-It shares no formula with the culling.
+It shares no formula with what it judges. float64 decides where its bound on rounding lets it.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,30 +14,42 @@ from ..culling.camera import Camera
 from ..culling.frustum import ROUNDING
 
 Number = TypeVar("Number", F, float)
+Vector = Sequence[float] | np.ndarray
 DEPTHS = 50  # spheres whose distance is compared with exact arithmetic
+LOOSE = 256 * float(np.finfo(np.float64).eps)  # ten times what float64 rounds, and more
 
 
-def sees(camera: Camera, center: Sequence[float] | np.ndarray, radius: float) -> bool:
-    """Return whether a pinhole camera sees the sphere, without rounding.
+def sees(camera: Camera, center: Vector, radius: float) -> bool:
+    """Return whether a camera sees the sphere, without rounding.
 
     The answer is exact for the float64 numbers given. The sphere must lie in or touch all six
     planes, or the clip range of a panoramic camera.
     center: (3,) floats, world meters.
     radius: meters.
     """
-    v = [F(float(p)) - F(float(c)) for p, c in zip(center, camera.origin, strict=True)]
-    r = F(float(radius))
-    near = F(float(camera.near))
-    far = F(float(camera.far))
+    v = _from_camera(camera, center)
+    near, far, r = _exact((camera.near, camera.far, radius))
     if camera.kind == "PANO":
-        square = sum(p * p for p in v)
+        square = _dot(v, v)
         return square <= (far + r) ** 2 and (r >= near or square >= (near - r) ** 2)
     for normal, offset in _planes(camera, F):
-        out = sum(p * q for p, q in zip(v, normal, strict=True)) - offset
+        out = _dot(v, normal) - offset
         # out / |normal| <= r, without the root
-        if out > 0 and out * out > r * r * sum(q * q for q in normal):
+        if out > 0 and out * out > r * r * _dot(normal, normal):
             return False
     return True
+
+
+def _exact(values: Vector) -> list[F]:
+    return [F(float(value)) for value in values]
+
+
+def _from_camera(camera: Camera, center: Vector) -> list[F]:
+    return [p - c for p, c in zip(_exact(center), _exact(camera.origin), strict=True)]
+
+
+def _dot(a: Sequence[F], b: Sequence[F]) -> F:
+    return sum((p * q for p, q in zip(a, b, strict=True)), F(0))
 
 
 def _planes(camera: Camera, number: Callable[[float], Number]) -> list[tuple[list[Number], Number]]:
@@ -53,9 +65,8 @@ def _planes(camera: Camera, number: Callable[[float], Number]) -> list[tuple[lis
         if camera.kind == "ORTHO":
             planes.append(([sign * q for q in axis], sign * edge))
         else:
-            planes.append(
-                ([sign * (q - edge * z) for q, z in zip(axis, Z, strict=True)], number(0))
-            )
+            normal = [sign * (q - edge * z) for q, z in zip(axis, Z, strict=True)]
+            planes.append((normal, number(0)))
     return planes
 
 
@@ -64,48 +75,57 @@ def find_visible(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return (mask, doubtful), each (n,) bool: `sees` for many spheres.
 
-    doubtful: spheres that float64 could not decide and rational arithmetic did. Each plane is
-        tested in float64 with a bound on all rounding that is wide by a factor of 10 and more.
+    doubtful: spheres that float64 could not decide and rational arithmetic did.
     centers: (n, 3) world meters.
     radius: (n,) meters.
     """
     v = centers - camera.origin
     size = np.abs(v).sum(axis=1) + np.abs(camera.origin).sum()
-    loose = 256 * np.finfo(np.float64).eps
-    no = np.zeros(len(v), bool)
-    maybe = np.zeros(len(v), bool)
-    # outside by, the scale and the offset that round
-    tests: list[tuple[np.ndarray, float, float]] = []
     with np.errstate(over="ignore", under="ignore"):
         if camera.kind == "PANO":
-            range_ = np.linalg.norm(v, axis=1)
-            tests += [
-                (camera.near - range_ - radius, 1.0, camera.near),
-                (range_ - camera.far - radius, 1.0, camera.far),
-            ]
+            distance = np.linalg.norm(v, axis=1)
+            scale = 1.0
+            offsets = np.array([camera.near, camera.far])
+            out = np.array([camera.near - distance, distance - camera.far]) - radius
         else:
-            axes = np.abs([camera.X, camera.Y, camera.Z]).sum()
-            for normal, offset in _planes(camera, float):
-                w = camera.window
-                scale = axes * (
-                    1 + max(map(abs, (w.left, w.right, w.bottom, w.top))) * (camera.kind != "ORTHO")
-                )
-                tests.append(
-                    (
-                        v @ np.array(normal) - offset - radius * np.linalg.norm(normal),
-                        scale,
-                        abs(offset),
-                    )
-                )
-        for out, scale, offset in tests:
-            bound = loose * (scale * (size + radius) + offset) + 1e-150
-            no |= out > bound
-            maybe |= np.abs(out) <= bound
-    mask = ~no
-    doubtful = maybe & ~no
+            normals, offsets = map(np.array, zip(*_planes(camera, float), strict=True))
+            w = camera.window
+            slope = max(map(abs, (w.left, w.right, w.bottom, w.top))) * (camera.kind != "ORTHO")
+            scale = np.abs([camera.X, camera.Y, camera.Z]).sum() * (1 + slope)
+            lengths = np.linalg.norm(normals, axis=1)[:, None]
+            out = normals @ v.T - offsets[:, None] - lengths * radius
+        bound = LOOSE * (scale * (size + radius) + np.abs(offsets)[:, None]) + 1e-150
+        mask = ~(out > bound).any(axis=0)
+        doubtful = mask & (np.abs(out) <= bound).any(axis=0)
     for i in np.flatnonzero(doubtful):
         mask[i] = sees(camera, centers[i], radius[i])
     return mask, doubtful
+
+
+def find_levels(camera: Camera, centers: np.ndarray, begin: np.ndarray) -> np.ndarray:
+    """Return the LODs of agents by distance, (n,) uint8, without rounding.
+
+    centers: (n, 3) world meters. Distances are along the view; from a panoramic camera.
+    begin: (n, k) meters, where the agents' LODs 1 ... k begin.
+    """
+    v = centers - camera.origin
+    with np.errstate(invalid="ignore", over="ignore"):
+        distance = np.linalg.norm(v, axis=1) if camera.kind == "PANO" else v @ camera.Z
+        size = np.abs(v).sum(axis=1) + np.abs(camera.origin).sum()
+        passed = distance[:, None] >= begin
+        bound = LOOSE * (size[:, None] + np.abs(begin))
+        close = (np.abs(distance[:, None] - begin) <= bound) & np.isfinite(begin)
+    for agent, level in np.argwhere(close):
+        passed[agent, level] = _reaches(camera, centers[agent], begin[agent, level])
+    return passed.sum(axis=1).astype(np.uint8)
+
+
+def _reaches(camera: Camera, center: np.ndarray, begin: float) -> bool:
+    v = _from_camera(camera, center)
+    least = F(float(begin))
+    if camera.kind == "PANO":
+        return least < 0 or _dot(v, v) >= least * least
+    return _dot(v, _exact(camera.Z)) >= least
 
 
 def depth_off(camera: Camera, centers: np.ndarray, distances: np.ndarray) -> float:
@@ -120,8 +140,7 @@ def depth_off(camera: Camera, centers: np.ndarray, distances: np.ndarray) -> flo
     for i in range(0, len(centers), max(1, len(centers) // DEPTHS)):
         size = np.abs(centers[i] - camera.origin).sum() + abs(camera.origin[2])
         bound = ROUNDING * size * np.linalg.norm(camera.Z)
-        v = (F(float(p)) - F(float(c)) for p, c in zip(centers[i], camera.origin, strict=True))
-        exact = sum(p * F(float(q)) for p, q in zip(v, camera.Z, strict=True))
+        exact = _dot(_from_camera(camera, centers[i]), _exact(camera.Z))
         worst = max(worst, float(abs(F(float(distances[i])) - exact)) / (bound or np.inf))
     return float(worst)
 

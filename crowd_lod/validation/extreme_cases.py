@@ -1,74 +1,63 @@
-"""Extreme cases of plans, each with a name: culling and LODs beside exact arithmetic."""
+"""Extreme cases of plans, as a table of pictures: culling and LODs beside exact arithmetic."""
 
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
-import numpy.typing as npt
+from numpy.typing import ArrayLike
 
-from ..crowd.agents import Draw, Group
-from ..crowd.bounds import STANDING, VelocityBounds
+from ..crowd.agents import Group
+from ..crowd.bounds import STANDING
 from ..culling.camera import GRAIN, Camera, referential, window
 from ..format import aligned
 from ..frame.frame import Frame, plan
 from ..levels.assignment import LevelPolicy
-from ..sources.points import Points, Snapshot, draw_for
 from . import stiff_cases
-from .culling_errors import FrameToCull, Replayed, exact_levels
-from .exact_frustum import depth_off, find_visible, scatter, standing_crowd
+from .culling_errors import Replayed
+from .exact_frustum import depth_off, find_levels, find_visible, scatter, standing_crowd
+from .stiff_cases import BoundedError
 
-ROUNDING = 1e-12  # of coordinates, beside GRAIN: what is kept within it is kept for rounding
+ROUNDING = 1e-12  # of coordinates, beside GRAIN: what is drawn within it is drawn for rounding
 POLICY = LevelPolicy((0.1, 0.15, 0.4, 1.0))
 PART = 1_000_000  # agents that are judged at a time
+NOT_FINITE = np.nan, np.inf, -np.inf
+PIXELS = 1920, 1080
 
 
 @dataclass(frozen=True)
-class BoundedError:
-    """A line of the table: how large an error is in a case, and how large it may be.
+class PlanCase:
+    """A picture that is hard to plan.
 
-    quantity: what is wrong, with its unit.
-    """
-
-    case: str
-    quantity: str
-    error: float
-    bound: float
-
-    @property
-    def ok(self) -> bool:
-        """Whether the error is within its bound; NaN is not."""
-        return self.error <= self.bound
-
-
-@dataclass(frozen=True)
-class SpheresInView:
-    """What a case of culling shows.
-
-    points: (n, 3) world meters. radius: (G,) meters, of the groups. group: (n,) uint8.
-    lost: agents at NaN or infinity.
+    points: (n, 3) world meters; None for 4,000 agents in, around and beside the view.
+    radii: meters, of the groups, which are drawn at random.
     bounds: meters by which the LODs of all groups deviate; () for LODs by distance.
+    lost: the axis along which some agents are at NaN or infinity; None if nobody is.
+    plain: agents that are spread over the ground in place of the points.
     """
 
+    name: str
     camera: Camera
-    points: np.ndarray
-    radius: np.ndarray
-    group: np.ndarray
+    points: ArrayLike | None = None
+    radii: tuple[float, ...] = (0.4, 1.0, 2.5)
     bounds: tuple[float, ...] = ()
+    lost: int | None = None
+    plain: int = 0
 
-    @property
-    def lost(self) -> np.ndarray:
-        return ~np.isfinite(self.points).all(axis=1)
-
-
-Maker = Callable[[np.random.Generator], SpheresInView]
-
-
-class _Standing(Replayed):
-    """A crowd that stands still, at one frame."""
-
-    def velocity(self, since: float, until: float) -> VelocityBounds | None:
-        """Return that of who stands."""
-        return STANDING
+    def agents(self, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        """Return the agents' places, (n, 3) world meters, and groups, (n,) uint8."""
+        if self.plain:
+            ground = random.uniform(-500, 500, (self.plain, 2))
+            points = np.column_stack([ground, np.zeros(self.plain)])
+        elif self.points is None:
+            group = random.integers(len(self.radii), size=4000, dtype=np.uint8)
+            points = scatter(self.camera, np.array(self.radii)[group], random)
+            if self.lost is not None:
+                points[[4, 7, 90], self.lost] = NOT_FINITE
+            return points, group
+        else:
+            points = np.array(self.points, np.float64)
+        return points, np.zeros(len(points), np.uint8)
 
 
 def camera_of(
@@ -89,57 +78,10 @@ def camera_of(
     side = np.cross((0.0, 1.0, 0.0) if abs(back[2]) > 0.9 else (0.0, 0.0, 1.0), back)
     side /= np.linalg.norm(side)
     matrix = np.eye(4)
-    matrix[:3, 0] = side
-    matrix[:3, 1] = np.cross(back, side)
-    matrix[:3, 2] = back
-    matrix[:3, :3] *= scale
+    matrix[:3, :3] = scale * np.column_stack([side, np.cross(back, side), back])
     matrix[:3, 3] = offset, -offset, offset
     size = 2 * np.tan(np.radians(fov) / 2) if kind == "PERSP" else fov
-    return Camera(
-        kind, *referential(matrix), window(size, "AUTO", (1920, 1080)), *clip, (1920, 1080)
-    )
-
-
-def _spread(
-    camera: Camera,
-    radii: Sequence[float] = (0.4, 1.0, 2.5),
-    count: int = 4000,
-    bounds: tuple[float, ...] = (),
-) -> Maker:
-    def make(random: np.random.Generator) -> SpheresInView:
-        radius = np.array(radii, np.float64)
-        group = random.integers(len(radius), size=count, dtype=np.uint8)
-        return SpheresInView(camera, scatter(camera, radius[group], random), radius, group, bounds)
-
-    return make
-
-
-def _at(camera: Camera, points: npt.ArrayLike, radius: float = 1.0) -> Maker:
-    def make(_random: np.random.Generator) -> SpheresInView:
-        where = np.asarray(points, np.float64).reshape(-1, 3)
-        return SpheresInView(camera, where, np.array([radius]), np.zeros(len(where), np.uint8))
-
-    return make
-
-
-def _plain(count: int) -> Maker:
-    def make(random: np.random.Generator) -> SpheresInView:
-        points = np.zeros((count, 3))
-        points[:, :2] = random.uniform(-500, 500, (count, 2))
-        return SpheresInView(
-            camera_of(clip=(0.1, 300.0)), points, np.ones(1), np.zeros(count, np.uint8)
-        )
-
-    return make
-
-
-def _lost(axis: int) -> Maker:
-    def make(random: np.random.Generator) -> SpheresInView:
-        spheres = _spread(camera_of())(random)
-        spheres.points[[4, 7, 90], axis] = np.nan, np.inf, -np.inf
-        return spheres
-
-    return make
+    return Camera(kind, *referential(matrix), window(size, "AUTO", PIXELS), *clip, PIXELS)
 
 
 def _axes(far: float) -> Camera:
@@ -149,8 +91,8 @@ def _axes(far: float) -> Camera:
     return Camera("PERSP", *referential(matrix), square, 1.0, far, (1000, 1000))
 
 
-def cases(most: int) -> dict[str, Maker]:
-    """Return the cases of culling by name; each is made when it is asked for, as some are large.
+def cases(most: int) -> list[PlanCase]:
+    """Return the cases of plans.
 
     most: agents of the largest.
     """
@@ -163,88 +105,79 @@ def cases(most: int) -> dict[str, Maker]:
     on_planes = [(0, 0, 0), (0, 101, 0), *((x, y, 0) for y in (10.0, 50.0) for x in (-y, y))]
     inside = [(0, 0, 0), (0.5, 0, 0), (0, -0.99, 0), (0, -1.2, 0)]
     tiny = 5e-324 * np.array([[1, 1, 1], [3, 2, 0], [0, 7, 1], [-1, 1e10, 2]])
-    one_point = np.tile([[9.0, 27.0, -6.0]], (5000, 1))
-    unit = {
-        f"unit scale {scale:g}": _spread(
-            camera_of(clip=(0.1 * scale, 100.0 * scale)),
-            radii=tuple(scale * r for r in (0.4, 1.0, 2.5)),
-        )
-        for scale in (1e-3, 1e3)
+    one_point = np.tile([9.0, 27.0, -6.0], (5000, 1))
+    usual, square = camera_of(), _axes(100.0)
+    lenses: dict[str, dict] = {
+        **{f"world offset {meters:.0e} m": {"offset": meters} for meters in (1e4, 1e6, 1e8)},
+        "near to far 1 : 1e9": {"clip": (1.0, 1e9)},
+        "clip 1e-6 to 1e9 m": {"clip": (1e-6, 1e9)},
+        **{f"field of view {fov:g} degrees": {"fov": fov} for fov in (1e-5, 0.01, 179.9, 179.99)},
+        "orthographic": {"fov": 40.0, "kind": "ORTHO"},
+        "orthographic at 1e6 m": {"fov": 40.0, "kind": "ORTHO", "offset": 1e6},
+        "panoramic": {"kind": "PANO"},
+        "negative scale": {"scale": -2.0},
+        "straight down": {"direction": (0, 0, -1)},
+        "straight up": {"direction": (0, 0, 1)},
     }
-    return {
-        **{f"world offset {o:.0e} m": _spread(camera_of(offset=o)) for o in (1e4, 1e6, 1e8)},
-        "near to far 1 : 1e9": _spread(camera_of(clip=(1.0, 1e9))),
-        "clip 1e-6 to 1e9 m": _spread(camera_of(clip=(1e-6, 1e9))),
-        **{
-            f"field of view {fov:g} degrees": _spread(camera_of(fov=fov))
-            for fov in (1e-5, 0.01, 179.9, 179.99)
-        },
-        "orthographic": _spread(camera_of(40.0, kind="ORTHO")),
-        "orthographic at 1e6 m": _spread(camera_of(40.0, offset=1e6, kind="ORTHO")),
-        "panoramic": _spread(camera_of(kind="PANO")),
-        "negative scale": _spread(camera_of(scale=-2.0)),
-        **unit,
-        "characters of 1 mm": _spread(camera_of(clip=(1e-4, 1.0)), radii=(5e-4,)),
-        "characters of 1 km": _spread(camera_of(clip=(0.1, 20_000.0)), radii=(500.0,)),
-        "spheres of 1e9 m": _spread(camera_of(), radii=(1e9,)),
-        "straight down": _spread(camera_of(direction=(0, 0, -1))),
-        "straight up": _spread(camera_of(direction=(0, 0, 1))),
-        "camera inside an agent": _at(camera_of(), inside),
-        "exactly on planes": _at(_axes(100.0), on_planes),
-        "exactly on thresholds": _at(_axes(100.0), steps),
-        "equal thresholds": _spread(camera_of(), bounds=(0.0, 0.02, 0.02, 0.02, 0.4)),
-        "denormals": _at(replace(camera_of(), near=0.0), tiny, 5e-324),
-        **{f"NaN and infinity in {axis}": _lost(k) for k, axis in enumerate("xyz")},
-        "one agent": _at(camera_of(), [(3, 9, -2)]),
-        "all agents in one point": _at(camera_of(), one_point),
-        f"{most:,} agents": _plain(most),
+    sizes = {
+        "unit scale 0.001": ((1e-4, 0.1), (4e-4, 1e-3, 2.5e-3)),
+        "unit scale 1000": ((100.0, 1e5), (400.0, 1000.0, 2500.0)),
+        "characters of 1 mm": ((1e-4, 1.0), (5e-4,)),
+        "characters of 1 km": ((0.1, 20_000.0), (500.0,)),
+        "spheres of 1e9 m": ((0.1, 100.0), (1e9,)),
     }
-
-
-def judge_case(name: str, spheres: SpheresInView) -> Iterator[BoundedError]:
-    """Yield what the plan of a case gets wrong: `frame.plan`, as frames run it."""
-    frame = _planned(spheres)
-    visible, levels, distances = frame.visible, frame.levels, frame.distances
-    missed = in_vain = off = 0
-    camera = replace(spheres.camera, cone=np.pi)
-    reach = frame.trajectory.spheres.reach
-    for begin in range(0, len(spheres.points), PART):
-        part = slice(begin, begin + PART)
-        there = np.flatnonzero(~spheres.lost[part]) + begin
-        points, group = spheres.points[there], spheres.group[there]
-        size = np.abs(points - camera.origin).sum(axis=1) + np.abs(camera.origin).sum()
-        own = reach[group]
-        must, _ = find_visible(camera, points, own)
-        may, _ = find_visible(camera, points, own * (1 + ROUNDING) + (GRAIN + ROUNDING) * size)
-        view = FrameToCull(
-            standing_crowd(points, group), camera, np.zeros(len(own)), reach, frame.thresholds
-        )
-        missed += int((must & ~visible[there]).sum())
-        in_vain += int((visible[there] & ~may).sum())
-        off += int((levels[there] != exact_levels(view))[visible[there]].sum())
-    yield BoundedError(name, "agents missed", missed, 0)
-    yield BoundedError(name, "agents kept in vain", in_vain + int(visible[spheres.lost].sum()), 0)
-    yield BoundedError(name, "LODs off", off, 0)
-    if camera.kind != "PANO":
-        off_bound = depth_off(camera, spheres.points[~spheres.lost], distances[~spheres.lost])
-        yield BoundedError(name, "distance, of its bound", off_bound, 1)
-
-
-def _planned(spheres: SpheresInView) -> Frame:
-    """Return the plan of the case's frame."""
-    sizes = tuple(range(len(POLICY.thresholds) + 1, 0, -1))
-    groups = [
-        Group(str(number), 0.0, radius, 0.0, 1.0, sizes, sizes, spheres.bounds, spheres.bounds)
-        for number, radius in enumerate(spheres.radius.tolist())
+    return [
+        *(PlanCase(name, camera_of(**lens)) for name, lens in lenses.items()),
+        *(PlanCase(name, camera_of(clip=clip), radii=r) for name, (clip, r) in sizes.items()),
+        PlanCase("camera inside an agent", usual, inside, (1.0,)),
+        PlanCase("exactly on planes", square, on_planes, (1.0,)),
+        PlanCase("exactly on thresholds", square, steps, (1.0,)),
+        PlanCase("equal thresholds", usual, bounds=(0.0, 0.02, 0.02, 0.02, 0.4)),
+        PlanCase("denormals", replace(usual, near=0.0), tiny, (5e-324,)),
+        *(PlanCase(f"NaN and infinity in {'xyz'[k]}", usual, lost=k) for k in range(3)),
+        PlanCase("one agent", usual, [(3, 9, -2)], (1.0,)),
+        PlanCase("all agents in one point", usual, one_point, (1.0,)),
+        PlanCase(f"{most:,} agents", camera_of(clip=(0.1, 300.0)), radii=(1.0,), plain=most),
     ]
-    crowd = standing_crowd(spheres.points, spheres.group)
-    placed = Snapshot(crowd.x, crowd.y, crowd.z, group=spheres.group)
-    drawn = draw_for(placed, 0, Draw(len(groups), tuple(range(len(groups)))))
-    trajectory = _Standing(Points(placed, drawn, 1.0, groups, 1 / 24, "a case"), [crowd], 1)
+
+
+def judge_plan(case: PlanCase, random: np.random.Generator) -> Iterator[BoundedError]:
+    """Yield what the plan of a case gets wrong: `frame.plan`, as frames run it."""
+    points, group = case.agents(random)
+    frame = _planned(case, points, group)
+    camera = replace(case.camera, cone=np.pi)
+    is_there = np.isfinite(points).all(axis=1)
+    wrong = np.array([0, (frame.visible & ~is_there).sum(), 0])
+    for begin in range(0, len(points), PART):
+        there = np.flatnonzero(is_there[begin : begin + PART]) + begin
+        own = points[there]
+        radius = frame.trajectory.spheres.reach[group[there]]
+        visible = frame.visible[there]
+        size = np.abs(own - camera.origin).sum(axis=1) + np.abs(camera.origin).sum()
+        must, _ = find_visible(camera, own, radius)
+        may, _ = find_visible(camera, own, radius * (1 + ROUNDING) + (GRAIN + ROUNDING) * size)
+        off = frame.levels[there] != find_levels(camera, own, frame.thresholds[group[there]])
+        wrong += (must & ~visible).sum(), (visible & ~may).sum(), off[visible].sum()
+    names = "agents missed", "agents drawn outside the view", "LODs off"
+    for name, count in zip(names, wrong.tolist(), strict=True):
+        yield BoundedError(case.name, name, count, 0)
+    if camera.kind != "PANO":
+        off_bound = depth_off(camera, points[is_there], frame.distances[is_there])
+        yield BoundedError(case.name, "distance, of its bound", off_bound, 1)
+
+
+def _planned(case: PlanCase, points: np.ndarray, group: np.ndarray) -> Frame:
+    """Return the plan of the case's frame: of a crowd that stands still."""
     policy = POLICY
-    if spheres.bounds:
-        policy = LevelPolicy((0.0,) * (len(spheres.bounds) - 1), tolerance=1.0)
-    return plan(trajectory, spheres.camera, policy, 1.0)
+    if case.bounds:
+        policy = LevelPolicy((0.0,) * (len(case.bounds) - 1), tolerance=1.0)
+    sizes = tuple(range(len(POLICY.thresholds) + 1, 0, -1))
+    groups = tuple(
+        Group(str(number), 0.0, radius, 0.0, 1.0, sizes, sizes, case.bounds, case.bounds)
+        for number, radius in enumerate(case.radii)
+    )
+    crowd = standing_crowd(points, group)
+    return plan(Replayed([crowd], groups, STANDING), case.camera, policy, 1.0)
 
 
 def judged(most: int, seed: int) -> Generator[float, None, list[BoundedError]]:
@@ -253,15 +186,12 @@ def judged(most: int, seed: int) -> Generator[float, None, list[BoundedError]]:
     most: agents of the largest case.
     seed: other agents of the same cases.
     """
-    plans = cases(most)
-    steps = stiff_cases.cases(seed)
+    plans = [partial(judge_plan, case) for case in cases(most)]
+    steps = [partial(stiff_cases.judge_steps, case) for case in stiff_cases.cases()]
     rows: list[BoundedError] = []
-    for number, (name, make) in enumerate(plans.items()):
-        rows += judge_case(name, make(np.random.default_rng(seed)))
+    for number, judge in enumerate([*plans, *steps]):
+        rows += judge(np.random.default_rng(seed))
         yield (number + 1) / (len(plans) + len(steps))
-    for number, case in enumerate(steps):
-        rows += [BoundedError(case.name, *found) for found in stiff_cases.judge(case)]
-        yield (len(plans) + number + 1) / (len(plans) + len(steps))
     return rows
 
 

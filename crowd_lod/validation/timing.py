@@ -22,14 +22,16 @@ class Times:
     wall: list[float] = field(default_factory=list)
     cpu: list[float] = field(default_factory=list)
 
-    @property
-    def row(self) -> dict[str, float | int]:
-        """The columns of a table: medians, least and most, runs, whether the median is steady."""
+    def row(self, parts: float = 1.0) -> dict[str, float | int]:
+        """Return columns of a table: medians, least and most, runs, whether the median is steady.
+
+        parts: of a run, of which one is told.
+        """
         return {
-            "cpu_ms": float(np.median(self.cpu)),
-            "ms": float(np.median(self.wall)),
-            "ms_least": min(self.wall),
-            "ms_most": max(self.wall),
+            "cpu_ms": float(np.median(self.cpu)) / parts,
+            "wall_ms": float(np.median(self.wall)) / parts,
+            "wall_ms_least": min(self.wall) / parts,
+            "wall_ms_most": max(self.wall) / parts,
             "runs": len(self.wall),
             "steady": int(self.is_steady),
         }

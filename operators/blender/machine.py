@@ -1,14 +1,24 @@
 """The machine, and the processes that are started on it."""
 
+import contextlib
 import os
 import platform
+import re
+import signal
+import subprocess
 import sys
+import time
+from collections.abc import Generator, Sequence
 from pathlib import Path
 
 import bpy
 import numpy as np
 
 from ...crowd_lod import __version__
+from ...crowd_lod.progress import LOOK
+
+PATIENCE = 2.0  # seconds that a command gets to end
+PROGRESS = re.compile(rb": (\d+)%")  # in what a command prints
 
 
 def launcher() -> list[str]:
@@ -43,12 +53,33 @@ def _python(code: str) -> list[str]:
     return [sys.executable, "-c", code]
 
 
-def keeping_files_in(folder: Path) -> dict[str, str]:
-    """Return the environment of a process that makes its temporary files in `folder`.
+def run_process(command: Sequence[str], log: Path) -> Generator[float, None, tuple[int, str]]:
+    """Run a command in a process of its own, which ends with the steps; yields its progress.
 
-    What it leaves there when it is killed goes with the folder.
+    It ends as by Ctrl-C, so that it ends what it has started. Returns its status, and the last line
+    that it printed.
+
+    log: the file for what it prints. Its temporary files lie beside that, and go with the folder.
     """
-    return os.environ | dict.fromkeys(("TMPDIR", "TEMP"), str(folder))
+    environment = os.environ | dict.fromkeys(("TMPDIR", "TEMP"), str(log.parent))
+    nowhere = subprocess.DEVNULL
+    with log.open("wb") as out:
+        process = subprocess.Popen(command, stdin=nowhere, stdout=out, stderr=out, env=environment)
+    progress = 0.0
+    try:
+        while process.poll() is None:
+            time.sleep(LOOK)
+            for percent in PROGRESS.findall(log.read_bytes())[-1:]:
+                progress = max(progress, int(percent) / 100)
+            yield progress
+    finally:
+        if process.poll() is None and sys.platform != "win32":
+            process.send_signal(signal.SIGINT)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(PATIENCE)
+        process.kill()
+        process.wait()
+    return process.returncode, log.read_text(errors="replace").strip().rpartition("\n")[2]
 
 
 def machine_name() -> str:

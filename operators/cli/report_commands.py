@@ -6,7 +6,7 @@ from ...crowd_lod.crowd.agents import MOST_AGENTS
 from ...crowd_lod.format import printable
 from ...crowd_lod.output import files
 from ...crowd_lod.validation import extreme_cases
-from ..deliver.accuracy.accuracy import Accuracy, measure
+from ..deliver.accuracy.accuracy import measure
 from .options import MOST_SEED, add_command, add_out, add_scene, check_range, open_shot
 from .scene_files import finish, stem_of
 
@@ -34,7 +34,7 @@ def report_error(args) -> dict:
     """Run report error."""
     folder = files.absolute(args.out or Path(f"{stem_of(args)}_error"))
     scene = open_shot(args)
-    steps = measure(scene, Accuracy(folder, args.quick))
+    steps = measure(scene, folder, args.quick)
     result = finish(steps, f"error report of {stem_of(args)}", args.quiet)
     out = printable(folder)
     return {**result, "out": out, "summary": "\n".join([*result["verdicts"].values(), out])}

@@ -11,9 +11,15 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.deliver.accuracy import ways
-from crowd_lod_extension.operators.deliver.accuracy.accuracy import Accuracy, measure
+from crowd_lod_extension.operators.deliver.accuracy.accuracy import measure
 from crowd_lod_extension.operators.deliver.accuracy.renders import choose_engine
-from crowd_lod_extension.operators.deliver.accuracy.ways import RenderWay, set_way, ways_of
+from crowd_lod_extension.operators.deliver.accuracy.ways import (
+    QUICK,
+    THOROUGH,
+    RenderWay,
+    set_way,
+    ways_of,
+)
 from crowd_lod_extension.operators.deliver.proof.verify import prepare_crowd
 from crowd_lod_extension.operators.scene.scene_crowd import policy_of
 
@@ -32,17 +38,17 @@ def tolerant(levelled):
 
 def test_ways_are_those_of_the_scene(tolerant):
     settings = tolerant.crowd_lod
-    titles = [way.title for way in ways_of(settings, is_quick=False)]
+    titles = [way.title for way in ways_of(settings, THOROUGH)]
     assert titles == [
         "without the crowd", "full detail", "full detail, culled", "by distance, at thirds",
-        *(f"{each:g} px" for each in ways.TOLERANCES), "2 px, with a shot plan",
+        *(f"{each:g} px" for each in THOROUGH.tolerances), "2 px, with a shot plan",
     ]  # fmt: skip
-    assert [way.tolerance for way in ways_of(settings, False) if way.is_default] == [2.0]
+    assert [way.tolerance for way in ways_of(settings, THOROUGH) if way.is_default] == [2.0]
     settings.tolerance = 3.0
-    quick = ways_of(settings, is_quick=True)
+    quick = ways_of(settings, QUICK)
     assert [way.tolerance for way in quick if way.kind == ways.TOLERANCE] == [3.0, 4.0]
     settings.choice = "BY_DISTANCE"
-    assert [way.title for way in ways_of(settings, True) if way.is_default] == [
+    assert [way.title for way in ways_of(settings, QUICK) if way.is_default] == [
         "by distance, as set"
     ]
 
@@ -55,7 +61,7 @@ def test_the_default_is_the_plan_of_a_scene_that_follows_one(tolerant):
         ("BY_TOLERANCE", "BY_DISTANCE"), ("2 px, with a shot plan", ways.PLANNED), strict=True
     ):
         settings.choice = choice
-        assert [way.title for way in ways_of(settings, True) if way.is_default] == [title]
+        assert [way.title for way in ways_of(settings, QUICK) if way.is_default] == [title]
     settings.choice = "BY_TOLERANCE"
     settings.memory_tolerance = 5.0
     set_way(settings, RenderWay(ways.TOLERANCE, 5.0))
@@ -67,7 +73,7 @@ def test_lods_that_are_left_from_before_are_no_way(tolerant):
     settings.choice = "BY_DISTANCE"
     settings.level_count = 1
     list(prepare_crowd(tolerant))
-    titles = [way.title for way in ways_of(settings, is_quick=True)]
+    titles = [way.title for way in ways_of(settings, QUICK)]
     assert len(settings.levels.children) > 1 and titles[3:] == ["by distance, as set"]
 
 
@@ -146,5 +152,5 @@ def test_the_folder_is_named_after_the_file(levelled, tmp_path, monkeypatch, cap
 def test_a_scene_without_a_camera_is_one_sentence(levelled, tmp_path):
     levelled.camera = None
     with pytest.raises(CrowdError, match="no active camera"):
-        finished(measure(levelled, Accuracy(tmp_path / "out", True)))
+        finished(measure(levelled, tmp_path / "out", True))
     assert not (tmp_path / "out").exists()

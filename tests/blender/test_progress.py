@@ -12,7 +12,7 @@ from crowd_lod_extension.operators.blender import scene_cache
 from crowd_lod_extension.operators.build.bake import bake
 from crowd_lod_extension.operators.build.buttons import prepared
 from crowd_lod_extension.operators.cli import scene_files
-from crowd_lod_extension.operators.deliver.accuracy.accuracy import Accuracy, measure
+from crowd_lod_extension.operators.deliver.accuracy.accuracy import measure
 from crowd_lod_extension.operators.deliver.preview.preview import Preview, preview
 from crowd_lod_extension.operators.deliver.proof.verify import Verify, verify
 from crowd_lod_extension.operators.scene.populate import CROWDLOD_OT_populate
@@ -40,7 +40,7 @@ def baked(scene, folder):
 
 def reported(scene, folder):
     scene.crowd_lod.frames = f"{FAR}"
-    return measure(scene, Accuracy(folder / "out", is_quick=True))
+    return measure(scene, folder / "out", is_quick=True)
 
 
 def build(scene, folder):

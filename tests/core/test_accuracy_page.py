@@ -17,7 +17,7 @@ from crowd_lod_extension.crowd_lod.validation.behavior_errors import (
     LISTING,
     Sensitivity,
 )
-from crowd_lod_extension.crowd_lod.validation.culling_errors import BY_EYE, RADAR
+from crowd_lod_extension.crowd_lod.validation.culling_errors import RADAR
 
 SVG = "{http://www.w3.org/2000/svg}"
 SILENT = {
@@ -127,26 +127,31 @@ def test_behavior_is_judged_in_words():
     assert "mean something for the first 97 frames" in wild and "(4 of 1,000 agents" in wild
 
 
-def cull(name, agents, ms, missed, in_vain, delta=""):
+def cull(name, agents, ms, missed, outside, delta=""):
     return {
         "way": name, "delta_m": delta, "agents": agents, "cpu_ms": ms, "missed": missed,
-        "in_vain": in_vain, "lods_off": 0.0, "visible": agents / 2, "default": int(name == FRAMES),
+        "outside": outside, "lods_off": 0.0, "visible": agents / 2, "default": int(name == FRAMES),
     }  # fmt: skip
 
 
 CULLED = [
     cull(FRAMES, 1000, 1.0, 0, 1), cull(FRAMES, 9000, 2.0, 0, 12), cull(RADAR, 9000, 4.0, 0, 0),
-    cull(BY_EYE, 9000, 4.0, 80, 0, 0.0), cull(BY_EYE, 9000, 4.0, 0, 600, 5.0),
+    cull("narrow", 9000, 4.0, 80, 0, 0.0), cull("wide", 9000, 4.0, 0, 600, 5.0),
 ]  # fmt: skip
 
 
 def test_culling_is_judged_in_the_largest_crowd():
     verdict = culling_section(CULLED).verdict
     assert verdict == (
-        "Of 9,000 agents a frame misses nobody, keeps 12 in vain (4,500 are visible), all LODs "
-        "exact, in 2 ms; radar over every agent takes 4 ms. The chapter's Delta, "
-        "set by eye, misses 0 at best (at 5 m, keeping 600 in vain)."
+        "Of 9,000 agents a frame misses nobody, draws 12 agents outside the view (4,500 are "
+        "visible), all LODs exact, in 2 ms; radar over every agent takes 4 ms. The chapter's "
+        "Delta, set by eye, misses 0 at best (at 5 m, drawing 600 outside the view)."
     )
+
+
+def test_wrong_lods_are_drawn_where_there_are_any():
+    assert len(culling_section(CULLED).panels) == 2
+    assert len(culling_section([*CULLED, CULLED[0] | {"lods_off": 2.0}]).panels) == 3
 
 
 def test_the_page_holds_each_verdict_plot_and_table(tmp_path):

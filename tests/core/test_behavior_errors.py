@@ -28,7 +28,7 @@ def chapter(count):
 @pytest.mark.once
 def test_frames_are_exact_in_the_chapters_scene_and_the_listing_is_of_first_order():
     rows = {
-        (row["way"], row["steps_a_second"]): row for row in compare_behavior(chapter(300), 48, 1)
+        (row["way"], row["steps_a_second"]): row for row in compare_behavior([chapter(300)], 48, 1)
     }
     assert {name for name, _ in rows} == {FRAMES, LISTING, CUT}
     assert rows[FRAMES, 24]["worst_m"] < 1e-11 and rows[FRAMES, 24]["apart"] == 0
@@ -41,8 +41,16 @@ def test_frames_are_exact_in_the_chapters_scene_and_the_listing_is_of_first_orde
 
 
 def test_rounding_is_not_amplified_where_all_walk_straight():
-    found = sensitivity(chapter(100), 60)
+    found = sensitivity([chapter(100)], 60)
     assert found.until is None and found.apart == 0 and found.farthest < 1e-11
+
+
+@pytest.mark.once
+def test_all_crowds_are_judged():
+    rows = list(compare_behavior([chapter(60), chapter(1200)], 24, 1, (24,)))
+    assert {row["agents"] for row in rows} == {1260}
+    assert {row["judged"] for row in rows} == {560}  # all of the small one, JUDGED / 2 of the other
+    assert sensitivity([chapter(60), chapter(1200)], 5).judged == 560
 
 
 def test_rounding_is_amplified_where_ways_part_at_a_corner():
@@ -56,6 +64,6 @@ def test_rounding_is_amplified_where_ways_part_at_a_corner():
     labels[4, 3] = 1  # left of the way, which leads through its corner
     crowd = crowd_at([(0.1 * k, 0.1 * k, 0) for k in range(1, 11)])
     walk = Walk(crowd, machine, LabelMap(labels, Area(0, 0, 8, 8)), (walker(),), 0.1)
-    found = sensitivity(walk, 60)
+    found = sensitivity([walk], 60)
     # the first comes to the corner (4, 4) after 30 frames
     assert 0 < found.apart < 10 and 29 <= found.until <= 40 and found.farthest > 0.5

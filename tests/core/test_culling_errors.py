@@ -6,6 +6,7 @@ from fractions import Fraction as F
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
+from crowd_lod_extension.crowd_lod.crowd.leave_outs import NO_MIRRORS, NO_SHADOWS, NO_SKY
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 from crowd_lod_extension.crowd_lod.validation import culling_errors
@@ -30,7 +31,9 @@ from crowd_lod_extension.crowd_lod.world.first_frame import populate
 from crowd_lod_extension.crowd_lod.world.maps import Area, edge_map
 
 from ..support.crowds import walker
+from ..support.shots import shot
 
+NARROW, *_, WIDE = BY_EYE
 CENTER = np.array([0.9, 0.5])
 RADIUS = np.array([1.0, 0.4])
 POLICY = LevelPolicy((0.16, 0.4))
@@ -83,10 +86,10 @@ def test_each_way_with_a_derived_delta_sees_whom_the_judge_sees(lens):
     truth = exactly(frame)
     ways = culling_errors._ways(frame.camera)
     for name in (RADAR, MATRIX, NAIVE, SINGLE):
-        found = ways[name, None](frame)
+        found = ways[name](frame)
         assert (found.visible == truth.visible).all(), name
         assert (found.levels == truth.levels).all(), name
-    small = ways[BY_EYE, 0.0](frame).visible
+    small = ways[NARROW](frame).visible
     assert (truth.visible & ~small).any() and not (small & ~truth.visible).any()
 
 
@@ -98,8 +101,8 @@ def test_float32_in_the_world_loses_agents_far_out_and_float64_none():
     far = replace(frame, crowd=crowd, camera=camera)
     truth = exactly(far)
     ways = culling_errors._ways(camera)
-    assert (ways[RADAR, None](far).visible == truth.visible).all()
-    single = ways[SINGLE, None](far)
+    assert (ways[RADAR](far).visible == truth.visible).all()
+    single = ways[SINGLE](far)
     assert (single.visible != truth.visible).any() and (single.levels != truth.levels).any()
 
 
@@ -113,13 +116,13 @@ def test_rows_have_the_same_truth_and_the_default_misses_nobody():
     trajectory = walking(500)
     film = camera_of(direction=(0.3, 0.9, -0.05), offset=1.0)
     rows = list(compare_culling(trajectory, [film] * SPAN, POLICY, 5, (100, 700), 1))
-    by = {(row["way"], row["delta_m"], row["agents"]): row for row in rows}
+    by = {(row["way"], row["agents"]): row for row in rows}
     assert {row["agents"] for row in rows} == {100, 700}
     for count in (100, 700):
         assert len({row["visible"] for row in rows if row["agents"] == count}) == 1
-        assert by[FRAMES, "", count]["missed"] == by[EXACT, "", count]["missed"] == 0
-        assert by[FRAMES, "", count]["lods_off"] == 0
-    assert by[BY_EYE, 5.0, 700]["in_vain"] > by[RADAR, "", 700]["in_vain"] == 0
+        assert by[FRAMES, count]["missed"] == by[EXACT, count]["missed"] == 0
+        assert by[FRAMES, count]["lods_off"] == 0
+    assert by[WIDE, 700]["outside"] > by[RADAR, 700]["outside"] == 0
     assert [row["way"] for row in rows if row["default"]] == [FRAMES] * 2
 
 
@@ -132,9 +135,9 @@ def test_agents_that_are_not_there_are_missed_by_nobody():
     walk = walking(300)
     trajectory = Missing(walk.start, walk.machine, walk.world, walk.groups, walk.seconds_per_frame)
     rows = list(compare_culling(trajectory, [camera_of()] * SPAN, POLICY, 5, (300,), 1))
-    by = {(row["way"], row["delta_m"]): row for row in rows}
-    assert by[FRAMES, ""]["missed"] == by[FRAMES, ""]["in_vain"] == 0
-    assert by[RADAR, ""]["missed"] == by[RADAR, ""]["in_vain"] == 0 < by[RADAR, ""]["visible"]
+    by = {row["way"]: row for row in rows}
+    assert by[FRAMES]["missed"] == by[FRAMES]["outside"] == 0
+    assert by[RADAR]["missed"] == by[RADAR]["outside"] == 0 < by[RADAR]["visible"]
 
 
 def test_copies_of_agents_stand_beside_them_and_walk_alike():
@@ -148,7 +151,21 @@ def test_copies_of_agents_stand_beside_them_and_walk_alike():
 
 
 def test_leave_outs_are_timed_beside_the_plain_functions():
-    trajectory = walking(30_000)
-    (row,) = leave_outs(trajectory, camera_of(), POLICY, 5, 1)
-    assert row["part"] == "Blocks" and row["with_ms"] > 0 < row["without_ms"]
-    assert not list(leave_outs(walking(100), camera_of(), POLICY, 5, 1))
+    (row,) = leave_outs(walking(30_000), camera_of(), POLICY, 5, (), 1)
+    assert row["part"] == "Agents of whole blocks" and row["with_ms"] > 0 < row["without_ms"]
+    assert not list(leave_outs(walking(100), camera_of(), POLICY, 5, (), 1))
+
+
+def test_what_the_surroundings_lack_is_timed_as_if_there_were_one():
+    beside = NO_SHADOWS, NO_MIRRORS, NO_SKY
+    rows = list(leave_outs(walking(3000), camera_of(), POLICY, 5, beside, 1))
+    assert [row["part"].partition(",")[0] for row in rows] == [
+        "Shadows", "Mirrors", "Light of the sky",
+    ]  # fmt: skip
+    assert all(row["without_ms"] > 0 < row["with_ms"] for row in rows)
+
+
+def test_a_crowd_that_stands_leaves_out_its_plan_and_its_steps():
+    still = shot(count=30_000)
+    parts = [row["part"] for row in leave_outs(still, camera_of(), POLICY, 5, (), 1)]
+    assert parts == ["The plan, as nothing moves", "Steps, as nobody moves"]

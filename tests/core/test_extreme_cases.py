@@ -9,35 +9,39 @@ from crowd_lod_extension.crowd_lod.frame import stages
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.validation import exact_frustum, stiff_cases
 from crowd_lod_extension.crowd_lod.validation.extreme_cases import (
-    BoundedError,
     cases,
-    judge_case,
+    judge_plan,
     judged,
     table_text,
 )
+from crowd_lod_extension.crowd_lod.validation.stiff_cases import BoundedError, judge_steps
 
-ALL = tuple(cases(1000))
+PLANS = {case.name: case for case in cases(1000)}
+STEPS = {case.name: case for case in stiff_cases.cases()}
 
 
-@pytest.mark.parametrize("name", ALL)
+def seeded(seed=0):
+    return np.random.default_rng(seed)
+
+
+@pytest.mark.parametrize("name", PLANS)
 def test_a_plan_is_within_its_bounds(name):
-    spheres = cases(1000)[name](np.random.default_rng(1))
-    rows = list(judge_case(name, spheres))
+    rows = list(judge_plan(PLANS[name], seeded(1)))
     assert [row.quantity for row in rows if not row.ok] == []
     assert len(rows) == (3 if name == "panoramic" else 4)
 
 
-@pytest.mark.parametrize("case", stiff_cases.cases(1), ids=lambda case: case.name)
-def test_a_walk_is_within_its_bounds(case):
-    found = list(stiff_cases.judge(case))
-    assert found and all(error <= bound for _, error, bound in found), found
+@pytest.mark.parametrize("name", STEPS)
+def test_a_walk_is_within_its_bounds(name):
+    found = list(judge_steps(STEPS[name], seeded(1)))
+    assert found and all(each.ok for each in found), found
 
 
 def test_speeds_beyond_the_limit_are_refused_and_no_others():
     refused = [
-        case.name
-        for case in stiff_cases.cases(0)
-        if next(iter(stiff_cases.judge(case)))[0].startswith("steps refused")
+        name
+        for name, case in STEPS.items()
+        if next(judge_steps(case, seeded())).quantity.startswith("steps refused")
     ]
     assert refused == ["1,000,000 cells a step"]
 
@@ -49,17 +53,16 @@ def test_a_fault_of_the_radar_exceeds_a_bound(monkeypatch):
         return radar(crowd, cameras, center, 0.9 * radius, options, agents)
 
     monkeypatch.setattr(stages, "radar", without_reach)
-    spheres = cases(1000)["orthographic"](np.random.default_rng(0))
-    assert {row.quantity for row in judge_case("it", spheres) if not row.ok} == {"agents missed"}
+    rows = judge_plan(PLANS["orthographic"], seeded())
+    assert {row.quantity for row in rows if not row.ok} == {"agents missed"}
 
 
 def test_a_walk_that_is_off_exceeds_its_bound(monkeypatch):
     at = Walk.at
-    case = next(case for case in stiff_cases.cases(0) if case.name == "a map a step")
     monkeypatch.setattr(
         Walk, "at", lambda walk, time: replace(at(walk, time), x=at(walk, time).x + 1)
     )
-    assert [error > bound for _, error, bound in stiff_cases.judge(case)] == [False, True]
+    assert [each.ok for each in judge_steps(STEPS["a map a step"], seeded())] == [True, False]
 
 
 def test_the_table_says_which_bound_is_exceeded():
@@ -78,5 +81,5 @@ def test_all_cases_are_judged_with_progress():
     shown = [next(steps) for _ in range(3)]
     rows = finished(steps)
     assert 0 < shown[0] < shown[1] < shown[2] < 1
-    assert {row.case for row in rows} == {*ALL, *(case.name for case in stiff_cases.cases(0))}
+    assert {row.case for row in rows} == {*PLANS, *STEPS}
     assert len(rows) > exact_frustum.DEPTHS

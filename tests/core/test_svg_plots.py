@@ -15,3 +15,8 @@ def test_a_long_legend_stays_under_its_plot():
     assert max(map(len, texts)) <= svg.LEGEND_LETTERS
     rows_at = [float(y) for y in re.findall(r'<g transform="translate\(58,([\d.]+)\)', sheet)]
     assert rows_at[1] - rows_at[0] == 2 * svg.LEGEND_ROW
+
+
+def test_numbers_are_short():
+    values = 12_000, 1.5e6, 0.25, 0.001, 0.0001, 2.5e-6, 0.0
+    assert list(map(svg.short, values)) == ["12k", "1.5M", "0.25", "0.001", "1e-4", "2.5e-6", "0"]

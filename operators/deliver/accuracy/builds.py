@@ -34,7 +34,7 @@ from ..proof.id_pictures import render_ids
 from ..proof.verify_build import columns_of_members
 from ..proof.verify_pictures import small
 from ..proof.verify_stage import Verify, set_up_cycles
-from .ways import EVERYONE, NOBODY, PLANNED, RenderWay, set_way
+from .ways import EVERYONE, NOBODY, PLANNED, Effort, RenderWay, set_way
 
 FINER = 2  # samples of ids across a pixel
 LEAST_PIXELS = 3.0  # the radius of an agent's sphere whose outline is measured
@@ -44,14 +44,17 @@ MOST_MEASURED = 500  # agents of a frame
 
 @dataclass
 class Build:
-    """A file to render, and what is known of it before.
+    """A file to render, what was foretold of it, and what was measured.
 
     memory_mb, time_share: predicted, of the crowd; time as a part of that of CULLED. None if they
         are not.
     predicted: (m,) pixels, of the agents in sight of all frames, by which their LODs may be off.
     errors: (k,) pixels by which outlines are off, of the agents that are measured.
     missing: of these, who are not seen at all.
-    triangles: that the agents in sight show, the mean of the frames.
+    triangles: that the agents in sight show, in all frames.
+    cpu_s, wall_s: of a frame, in each run. peak_mb: of the process, in each run; NaN if not known.
+    colors: of blocks of all frames where agents are, how far their colors are from full detail's,
+        of 1.
     """
 
     way: RenderWay
@@ -61,7 +64,11 @@ class Build:
     predicted: list[np.ndarray] = field(default_factory=list)
     errors: list[np.ndarray] = field(default_factory=list)
     missing: int = 0
-    triangles: float = 0.0
+    triangles: int = 0
+    cpu_s: list[float] = field(default_factory=list)
+    wall_s: list[float] = field(default_factory=list)
+    peak_mb: list[float] = field(default_factory=list)
+    colors: list[np.ndarray] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -79,57 +86,49 @@ class Reference:
     ids: np.ndarray = field(default_factory=lambda: np.empty(0))
 
 
-@dataclass(frozen=True)
-class Wanted:
-    """What is measured: ways, frames, and the width and samples of the pictures at most."""
-
-    ways: Sequence[RenderWay]
-    frames: Sequence[int]
-    width: int
-    samples: int
-
-
-def make_builds(base: Path, folder: Path, wanted: Wanted) -> Generator[float, None, list[Build]]:
-    """Write a file for each way, and judge its outlines; yields the progress.
+def make_builds(
+    base: Path, ways: Sequence[RenderWay], frames: Sequence[int], effort: Effort
+) -> Generator[float, None, list[Build]]:
+    """Write a file for each way beside `base`, and judge its outlines; yields the progress.
 
     Returns the builds. Another file is open afterwards.
 
     base: the .blend file, whose LODs are made.
-    folder: for the files.
     """
     references: dict[int, Reference] = {}
-    builds = []
-    work = Workload(len(wanted.ways))
-    for number, way in enumerate(wanted.ways):
-        build = Build(way, folder / f"way_{number}.blend")
-        builds.append(build)
-        yield from work.take(_make(base, build, wanted, references), 1)
+    builds = [Build(way, base.with_stem(f"way_{n}")) for n, way in enumerate(ways)]
+    work = Workload(len(builds))
+    for build in builds:
+        with console.quiet():
+            bpy.ops.wm.open_mainfile(filepath=str(base), load_ui=False)
+        yield from work.take(_make(bpy.context.scene, build, frames, effort, references), 1)
     return builds
 
 
 def _make(
-    base: Path, build: Build, wanted: Wanted, references: dict[int, Reference]
+    scene: bpy.types.Scene,
+    build: Build,
+    frames: Sequence[int],
+    effort: Effort,
+    references: dict[int, Reference],
 ) -> Generator[float, None, None]:
-    """Write the file of a build, and judge it; yields the progress."""
-    with console.quiet():
-        bpy.ops.wm.open_mainfile(filepath=str(base), load_ui=False)
-    scene = bpy.context.scene
+    """Write the file of a build of the open `scene`, and judge it; yields the progress."""
     settings = scene.crowd_lod
-    way = build.way
-    if way.kind == NOBODY:
+    kind = build.way.kind
+    if kind == NOBODY:
         render_setup.remove_build(settings)
         remove_owned(settings.levels)
         bpy.data.batch_remove(settings.characters.all_objects)
         bpy.data.orphans_purge(do_recursive=True)
-        _save(scene, build.file, wanted)
+        _save(scene, build.file, effort)
         return
-    set_way(settings, way)
-    frames = wanted.frames
+    set_way(settings, build.way)
     work = Workload(10)
-    if way.kind == PLANNED and path_of(settings) is None:
-        yield from work.take(_plan(scene, base.with_name("plan")))
-    if way.kind == EVERYONE:
+    if kind == PLANNED and path_of(settings) is None:
+        yield from work.take(_plan(scene, build.file.with_name("plan")))
+    if kind == EVERYONE:
         planned = yield from work.take(_build_everyone(scene, frames), 4)
+        references |= {number: _chosen(frame) for number, frame in planned.items()}
     else:
         yield from work.take(_predict(scene, build, frames), 1)
         yield from work.take(bake.bake(scene, frames), 2)
@@ -137,9 +136,7 @@ def _make(
     top = settings.build
     hide_characters(scene)
     bake.keep_what_renders(scene)
-    _save(scene, build.file, wanted)
-    if way.kind == EVERYONE:
-        references |= {number: _chosen(frame) for number, frame in planned.items()}
+    _save(scene, build.file, effort)
     set_up_cycles(scene, Verify(list(frames), build.file.parent))
     top.hide_render = False
     _show_alone(scene, top, references)
@@ -147,19 +144,19 @@ def _make(
         scene.frame_set(number)
         seen = yield from work.take(render_ids(scene, FINER, build.file.parent), 1)
         ids = np.where(seen[0] < references[number].count, seen[0], NO_AGENT)
-        if way.kind == EVERYONE:
+        if kind == EVERYONE:
             references[number] = replace(references[number], ids=ids)
         yield from run_in_thread(partial(_judge, build, planned[number], ids, references[number]))
 
 
-def _save(scene: bpy.types.Scene, path: Path, wanted: Wanted) -> None:
+def _save(scene: bpy.types.Scene, path: Path, effort: Effort) -> None:
     """Write the open file, set to the size and the samples of the pictures that are measured."""
     render = scene.render
     width, height = cameras.image_size(render)
-    narrow = min(width, wanted.width)
+    narrow = min(width, effort.width)
     render.use_border = render.use_compositing = render.use_sequencer = False
     render.use_multiview = False
-    scene.cycles.samples = min(scene.cycles.samples, wanted.samples)
+    scene.cycles.samples = min(scene.cycles.samples, effort.samples)
     scene.cycles.use_animated_seed = False
     with small(scene, (narrow, max(1, round(narrow * height / width)))), console.quiet():
         bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
@@ -186,16 +183,14 @@ def _build_everyone(
     yield from build_full(crowd, frames)
     top = scene.crowd_lod.build
     planned = yield from _planned(scene, frames)
-    rows: dict[Bucket, list[Mapping[str, np.ndarray]]] = {}
+    rows = []
     for number, frame in planned.items():
         shown = {Bucket(BucketKind.LOD, 0): everyone_there(frame)}
         poses = frame_update.held_by(crowd, number, frame.crowd)
-        columns = columns_of_members(top, crowd.trajectory, shown, poses, number)
-        for bucket, each in columns.items():
-            rows.setdefault(bucket, []).append(each)
+        rows.append(columns_of_members(top, crowd.trajectory, shown, poses, number))
     for bucket, points in points_of(top).items():
-        every = rows[bucket]
-        columns = {key: np.concatenate([each[key] for each in every]) for key in every[0]}
+        names = rows[0][bucket]
+        columns = {key: np.concatenate([each[bucket][key] for each in rows]) for key in names}
         mesh_data.write_points(points.data, columns)
     return planned
 
@@ -205,9 +200,9 @@ def _predict(
 ) -> Generator[float, None, None]:
     """Note what is predicted of the build's memory and time; yields the progress."""
     estimate = yield from cost_estimate.estimate(scene, frames, known=True)
-    prices = estimate.prices
-    whole = prices[BuildCase(FULL, True)]
-    own = prices[BuildCase(scene.crowd_lod.choice, True)]
+    whole, own = (
+        estimate.prices[BuildCase(choice, True)] for choice in (FULL, scene.crowd_lod.choice)
+    )
     build.memory_mb = own.memory / 1e6
     build.time_share = own.share(whole).seconds
 
@@ -232,14 +227,14 @@ def _planned(
 def _chosen(frame: Frame) -> Reference:
     """Return the agents of a frame that are measured: drawn at random of those who are whole."""
     camera = frame.camera
-    seen = frame.buckets.order
-    if frame.trajectory.wearer is not None:
-        seen = seen[frame.trajectory.wearer[seen] == seen]
+    seen = frame.without_worn(frame.buckets).order
     spheres = frame.trajectory.spheres
     v = np.stack(frame.crowd.places(spheres.center, seen, camera.origin))
     radius = spheres.reach[frame.crowd.group[seen]]
-    depth = np.ones(len(seen)) if camera.kind == "ORTHO" else np.maximum(camera.Z @ v, 1e-9)
-    nearest = depth if camera.kind == "ORTHO" else np.maximum(depth - radius, 1e-9)
+    depth = nearest = np.ones(len(seen))
+    if camera.kind != "ORTHO":
+        depth = np.maximum(camera.Z @ v, 1e-9)
+        nearest = np.maximum(depth - radius, 1e-9)
     middle = centers_in_picture(camera, v / depth).T
     size = radius * camera.pixels_per_unit / nearest
     low, high = size[:, None], np.array(camera.pixels) - size[:, None]
@@ -248,10 +243,8 @@ def _chosen(frame: Frame) -> Reference:
     kept: list[int] = []
     for agent in np.random.default_rng(0).permutation(np.flatnonzero(is_whole)):
         apart = np.hypot(*(middle[kept] - middle[agent]).T)
-        if (apart > size[kept] + size[agent] + FREE).all():
+        if len(kept) < MOST_MEASURED and (apart > size[kept] + size[agent] + FREE).all():
             kept.append(int(agent))
-        if len(kept) == MOST_MEASURED:
-            break
     return Reference(seen[kept].astype(np.intp), len(frame.crowd))
 
 
@@ -280,7 +273,6 @@ def _judge(build: Build, frame: Frame, ids: np.ndarray, reference: Reference) ->
     build.triangles += frame.triangles
     judged = judge(reference.ids, ids, np.zeros(reference.count), found.depth)
     outlines = [each for each in judged.values() if each.by == OUTLINE]
-    is_gone = [each.other_samples == 0 for each in outlines]
-    build.missing += sum(is_gone)
-    errors = [each.error for each, gone in zip(outlines, is_gone, strict=True) if not gone]
-    build.errors.append(np.array(errors) / FINER)
+    errors = [each.error / FINER for each in outlines if each.other_samples]
+    build.missing += len(outlines) - len(errors)
+    build.errors.append(np.array(errors))

@@ -6,6 +6,8 @@ import numpy as np
 
 from ....crowd_lod.levels.assignment import LEAST_GAP, deviations
 from ....crowd_lod.output.accuracy_sections import EVERYONE, NOBODY, TOLERANCE
+from ....crowd_lod.validation.behavior_errors import RATES
+from ....crowd_lod.validation.timing import FEWEST
 from ...scene.characters.stored_groups import groups_of
 from ...scene.scene_crowd import policy_of
 from ...scene.shot_reference import path_of
@@ -15,8 +17,33 @@ CULLED = "full detail, culled"
 DISTANCE = "by distance, at thirds"
 AS_SET = "by distance, as set"
 PLANNED = "with a shot plan"
-TOLERANCES = 0.25, 0.5, 1.0, 2.0, 4.0, 8.0  # pixels
-FEW_TOLERANCES = (4.0,)
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is measured.
+
+    frames, repeats: that are rendered, and how often. width, samples: of their pictures, at most.
+    tolerances: pixels, beside the scene's own. plans: whether a scene without a shot plan gets one.
+    length: frames that behavior is followed for. rates: steps a second of its ways.
+    counts: agents that are culled.
+    runs: of each way of behavior and culling, at least.
+    """
+
+    frames: int = 3
+    repeats: int = 3
+    width: int = 960
+    samples: int = 16
+    tolerances: tuple[float, ...] = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
+    plans: bool = True
+    length: int = 120
+    rates: tuple[int, ...] = RATES
+    counts: tuple[int, ...] = (1000, 10_000, 100_000, 1_000_000)
+    runs: int = FEWEST
+
+
+THOROUGH = Effort()
+QUICK = Effort(1, 1, 480, 4, (4.0,), False, 48, RATES[:2], THOROUGH.counts[:3], 2)
 
 
 @dataclass(frozen=True)
@@ -33,35 +60,29 @@ class RenderWay:
 
     @property
     def title(self) -> str:
-        if self.kind == TOLERANCE:
-            return f"{self.tolerance:g} px"
-        if self.kind == PLANNED and self.tolerance is not None:
-            return f"{self.tolerance:g} px, {PLANNED}"
-        return self.kind
+        if self.tolerance is None:
+            return self.kind
+        return f"{self.tolerance:g} px" + f", {PLANNED}" * (self.kind == PLANNED)
 
 
-def ways_of(settings, is_quick: bool) -> list[RenderWay]:
+def ways_of(settings, effort: Effort) -> list[RenderWay]:
     """Return the ways that the scene with these settings has; LOD meshes are made.
 
     LODs without a measured deviation have no tolerances.
     """
+    own = policy_of(settings).tolerance
+    is_planned = path_of(settings) is not None
+    measured = deviations(groups_of(settings), policy_of(settings, "BY_TOLERANCE")) is not None
+    tolerances = set(effort.tolerances if measured else ()) | ({own} - {None})
     ways = [RenderWay(NOBODY), RenderWay(EVERYONE), RenderWay(CULLED)]
     if _lods_made(settings) >= 2:
         ways.append(RenderWay(DISTANCE))
-    own = policy_of(settings)
-    is_planned = path_of(settings) is not None
-    if own.tolerance is None:
+    if own is None:
         ways.append(RenderWay(AS_SET, is_default=not is_planned))
-    measured = deviations(groups_of(settings), policy_of(settings, "BY_TOLERANCE")) is not None
-    wanted = set(FEW_TOLERANCES if is_quick else TOLERANCES) if measured else set()
-    if own.tolerance is not None:
-        wanted.add(own.tolerance)
-    ways += [
-        RenderWay(TOLERANCE, each, each == own.tolerance and not is_planned)
-        for each in sorted(wanted)
-    ]
-    if is_planned or (own.tolerance is not None and not is_quick):
-        ways.append(RenderWay(PLANNED, own.tolerance, is_planned))
+    for each in sorted(tolerances):
+        ways.append(RenderWay(TOLERANCE, each, each == own and not is_planned))
+    if is_planned or (own is not None and effort.plans):
+        ways.append(RenderWay(PLANNED, own, is_planned))
     return ways
 
 
@@ -88,11 +109,10 @@ def at_thirds(count: int) -> np.ndarray:
 
     The LODs between them get next to nothing, LEAST_GAP each.
     """
-    middle = count // 2
     number = np.arange(1, count)
-    last = np.where(number <= middle, middle, count - 1)
-    third = np.where(number <= middle, 1 / 3, 2 / 3)
-    thresholds: np.ndarray = third - LEAST_GAP * (last - number)
+    is_near = number <= count // 2
+    last = np.where(is_near, count // 2, count - 1)
+    thresholds: np.ndarray = np.where(is_near, 1 / 3, 2 / 3) - LEAST_GAP * (last - number)
     return thresholds
 
 
