@@ -15,7 +15,11 @@ import bpy
 import crowd_lod_extension
 from crowd_lod_extension.operators import registration
 from crowd_lod_extension.operators.cli.commands import parser
-from crowd_lod_extension.operators.settings.crowd_settings import CROWD_NAMES, CrowdLodArea
+from crowd_lod_extension.operators.settings.crowd_settings import (
+    CROWD_NAMES,
+    CrowdLodArea,
+    CrowdLodGoal,
+)
 from crowd_lod_extension.operators.settings.level_settings import HowItPlays
 from crowd_lod_extension.operators.settings.properties import (
     STEPS,
@@ -135,6 +139,11 @@ def settings_page() -> str:
             "Each of areas",
             "A mesh or a collection that lays a label over the map.",
             properties_of(CrowdLodArea),
+        ),
+        section(
+            "Each of goals",
+            "Where people of a simulation walk to.",
+            properties_of(CrowdLodGoal),
         ),
         section(
             "Each of overrides",

@@ -23,10 +23,10 @@ from .deliver.proof import verify
 from .deliver.usd import export
 from .lods import give_lod, make_lods
 from .plan import shot_plan
-from .scene import plan_verdict, populate, scene_crowd, walls_button
+from .scene import plan_verdict, populate, scene_crowd, simulate_button, walls_button
 from .scene.characters import characters_from_selection, take_action, take_along, wardrobe_buttons
 from .scene.machine import machine_buttons, machine_settings, map_areas, map_painting
-from .scene.sources import record_points, simulate
+from .scene.sources import record_points
 from .settings import crowd_settings, presets, properties, setting_changes, shot_settings
 from .ui import (
     action_menu,
@@ -34,6 +34,7 @@ from .ui import (
     area_list,
     crowd_list,
     drawing,
+    goal_list,
     machine_panels,
     manual,
     menus,
@@ -57,7 +58,7 @@ MODULES = (
     map_painting,
     populate,
     walls_button,
-    simulate,
+    simulate_button,
     record_points,
     characters_from_selection,
     give_lod,
@@ -86,6 +87,7 @@ MODULES = (
     panels,
     machine_panels,
     crowd_list,
+    goal_list,
     shot_panels,
 )
 CLASSES = tuple(c for module in MODULES for c in module.CLASSES)

@@ -70,9 +70,7 @@ def groups_of_agents(
     seed: of the draw.
     """
     if tracks.group is None:
-        keys = random_streams.keys_of(seed, tracks.ids)
-        draw = random_streams.uniform(keys, random_streams.THEN)
-        return choices[np.minimum((draw * len(choices)).astype(np.intp), len(choices) - 1)]
+        return drawn_groups(tracks.ids, choices, seed)
     values, value_of_agent = np.unique(tracks.group, return_inverse=True)
     if tracks.group.dtype.kind == "U":
         numbers = {name.casefold(): g for g, name in enumerate(names)}
@@ -83,6 +81,12 @@ def groups_of_agents(
     else:
         groups = [choices[int(value) % len(choices)] for value in values]
     return np.array(groups, np.uint8)[value_of_agent]
+
+
+def drawn_groups(ids: np.ndarray, choices: np.ndarray, seed: int) -> np.ndarray:
+    """Return the group that each of the agents `ids` (n,) draws of `choices` (k,), (n,) uint8."""
+    draw = random_streams.uniform(random_streams.keys_of(seed, ids), random_streams.THEN)
+    return choices[np.minimum((draw * len(choices)).astype(np.intp), len(choices) - 1)]
 
 
 ZIP = b"PK"

@@ -147,6 +147,7 @@ def _paths() -> Iterator[tuple[bpy.types.PropertyGroup, str]]:
             yield scene.crowd_lod, "shot_plan"
             for crowd in scene.crowd_lod.crowds:
                 yield crowd, "tracks_file"
+                yield crowd, "simulation_file"
 
 
 def is_saving() -> bool:

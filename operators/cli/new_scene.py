@@ -18,11 +18,14 @@ from ...crowd_lod.sources.recorded import Recorded
 from ..blender import cameras, console, removal, scene_data
 from ..blender.references import closure_of
 from ..build.render_setup import remove_build
+from ..scene.characters.stored_groups import groups_of
 from ..scene.populate import populate_scene
 from ..scene.scene_crowd import characters_of, trajectory_of
-from ..scene.sources import simulate
+from ..scene.sources.crowd_sources import depsgraph_of
+from ..scene.sources.simulate import lay_out, simulate_into
+from ..scene.sources.simulation_source import file_digest, file_name, simulated_crowds
 from ..settings.crowd_settings import CharacterSettings
-from ..settings.crowds import first_crowd
+from ..settings.crowds import first_crowd, set_lengths
 from ..settings.level_settings import LevelSettings
 from .options import (
     add_command,
@@ -341,7 +344,7 @@ def add_simulate(commands, program: str) -> None:
         program,
         "simulate",
         simulate_scene,
-        "write the scene with its crowd simulated by JuPedSim, and the trajectories beside it",
+        "write the scene with its crowds simulated by JuPedSim, and their trajectories beside it",
         "simulate hall.blend --seconds 60 --out hall_simulated.blend",
     )
     add_scene(command, program)
@@ -352,18 +355,31 @@ def add_simulate(commands, program: str) -> None:
 
 
 def simulate_scene(args) -> dict:
-    """Write the scene with its crowd simulated, and the trajectories beside it."""
+    """Write the scene with its crowds simulated, and their trajectories beside it.
+
+    Where no crowd has the source Simulation, the first one gets it.
+    """
     stem = stem_of(args)
     path = files.follow_link(blend_path(args.out or Path(f"{stem}_simulated.blend")))
-    tracks = path.with_suffix(".sqlite")
-    with files.staged(path.parent, path.name, tracks.name) as hidden:
-        settings = open_shot(args).crowd_lod
-        first_crowd(settings)
-        steps = simulate.simulate_crowd(settings.id_data, 0, hidden / tracks.name)
+    with files.staged(path.parent, path.name) as hidden:
+        scene = open_shot(args)
+        if not simulated_crowds(scene):
+            first_crowd(scene.crowd_lod).source = "SIMULATION"
+        set_lengths(scene)
+        depsgraph = depsgraph_of(scene)
+        lay_out(scene, depsgraph)
+        crowds = simulated_crowds(scene)
+        groups = groups_of(scene.crowd_lod)
+        digest = file_digest(scene, groups)
+        names = [f"{path.stem}_{file_name(crowd, digest)}" for crowd in crowds]
+        steps = simulate_into([hidden / name for name in names], scene, groups, depsgraph)
         sentence = finish(steps, f"simulation of {stem}", args.quiet)
-        simulate.follow(settings.id_data, 0, f"//{tracks.name}")
+        for crowd, name in zip(crowds, names, strict=True):
+            beside = bpy.data.filepath and bpy.path.relpath(str(path.with_name(name)))
+            crowd.simulation_file = beside or f"//{name}"
         part = hidden.with_suffix(".part")
         save(part, path)
         part.replace(hidden / path.name)
-    paths = {"out": printable(path), "tracks": printable(tracks)}
-    return {**paths, "summary": "\n".join((sentence, *paths.values()))}
+    tracks = [printable(path.with_name(name)) for name in names]
+    lines = sentence, printable(path), *tracks
+    return {"out": printable(path), "tracks": tracks, "summary": "\n".join(lines)}

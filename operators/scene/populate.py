@@ -34,10 +34,12 @@ from .plausible import notes_on_extent, notes_on_feet, notes_on_plausibility
 from .scene_crowd import place_levels
 from .sources import crowd_sources
 from .sources.crowd_parts import crowd_parts, note_crowd
+from .sources.simulate import simulate_changed
+from .sources.simulation_source import simulated_crowds
 from .stuck_agents import find
 
-# What the work costs: reading files that place agents, measuring the characters.
-READ, MEASURED = 1, 3
+# What the work costs: reading files that place agents, measuring the characters, simulating people.
+READ, MEASURED, SIMULATED = 1, 3, 20
 
 
 def populate_scene(
@@ -53,7 +55,7 @@ def populate_scene(
     depsgraph = crowd_sources.depsgraph_of(scene)
     depsgraph.update()
     crowds = crowds_of(settings)
-    work = Workload(READ + MEASURED)
+    work = Workload(READ + MEASURED + SIMULATED * bool(simulated_crowds(scene)))
     yield from work.take(reading_motions(scene))
     made_of = crowd_parts(scene)
     set_lengths(scene)
@@ -63,6 +65,8 @@ def populate_scene(
     with kept_meshes.restore_on_failure(crowds):
         yield from work.take(crowd_sources.read_sources(crowds, settings.forward, depsgraph), READ)
         groups = yield from work.take(measuring_groups(scene), MEASURED)
+        simulating = simulate_changed(scene, groups, depsgraph)
+        simulated = yield from work.take(simulating, SIMULATED * bool(simulated_crowds(scene)))
         trajectory = crowd_sources.populate_crowds(scene, groups, depsgraph)
         finding = run_in_thread(lambda: find(trajectory, scene_data.meters(scene)))
         troubles = yield from work.take(finding)
@@ -77,6 +81,7 @@ def populate_scene(
         notes = troubles.messages
     settings.trouble = to_json([*warnings, *notes])
     sentences = [
+        simulated,
         _result(groups, trajectory),
         *(part.note for part in trajectory.parts),
         *(line.sentence for line in in_words(notes)),

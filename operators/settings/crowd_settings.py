@@ -44,7 +44,37 @@ class CrowdLodArea(bpy.types.PropertyGroup):
     )
 
 
-CLASSES = (CrowdLodArea,)
+def may_be_goal(item: bpy.types.Object) -> bool:
+    """Return whether people can walk to the object."""
+    return item.type == "EMPTY" or is_scenery(item)
+
+
+class CrowdLodGoal(bpy.types.PropertyGroup):
+    """Where people of a simulation walk to, called `name`: an object, or an area of the map."""
+
+    object: PointerProperty(
+        type=bpy.types.Object,
+        name="Object",
+        poll=lambda _, candidate: may_be_goal(candidate),
+        description="People walk to this object: under a mesh, as seen from above, or within an "
+        "empty's size",
+    )
+    label: StringProperty(
+        name="Label", description="Without an object, people walk to this label of the map"
+    )
+    share: FloatProperty(
+        name="Share",
+        default=1.0,
+        min=0,
+        soft_max=10,
+        description="How many draw this goal, against the shares of the others",
+    )
+    is_exit: BoolProperty(
+        name="Exit", default=True, description="People leave here; else they stay here"
+    )
+
+
+CLASSES = (CrowdLodArea, CrowdLodGoal)
 
 
 class CharacterSettings:
@@ -87,6 +117,11 @@ class CrowdSettings:
             ("MACHINE", "State Machine", "Agents walk by the state machine on the label map"),
             ("FILE", "File", "Trajectories that were recorded or simulated elsewhere"),
             ("POINTS", "Points", "Points or instances of an object, read in each frame"),
+            (
+                "SIMULATION",
+                "Simulation",
+                "People who walk to goals, around walls and each other, simulated by JuPedSim",
+            ),
         ],
     )
     tracks_file: StringProperty(
@@ -154,7 +189,7 @@ class CrowdSettings:
     spawn_on: EnumProperty(
         update=outdate,
         name="Spawn On",
-        description="Where the agents that the state machine moves spawn",
+        description="Where the agents of a state machine or a simulation spawn",
         items=[
             (
                 "RECTANGLE",
@@ -307,24 +342,25 @@ class BehaviorSettings:
 
 
 class SimulationSettings:
-    """What Simulate with JuPedSim makes of the label map."""
+    """How people walk who are simulated: where to, around what, how many and how fast."""
 
-    spawn_labels: StringProperty(
-        name="Spawn Labels",
-        description="Labels that agents spawn on, such as platform, hall; where the state machine "
-        "lets them if empty",
-    )
-    goal_labels: StringProperty(
+    goals: CollectionProperty(
+        type=CrowdLodGoal,
         name="Goals",
-        description="Labels that agents walk to, and leave at; the label exit if empty",
+        description="Where people walk to; without any, the label exit",
     )
     goal_choice: EnumProperty(
         name="Choice",
-        description="Which goal an agent walks to",
+        description="Which goal a person walks to",
         items=[
-            ("NEAREST", "Nearest", "The one that is nearest where it starts"),
-            ("ANY", "Any", "Drawn for each agent"),
+            ("NEAREST", "Nearest", "The one that is nearest where the person starts"),
+            ("SHARES", "By Share", "Drawn for each person, by the goals' shares"),
         ],
+    )
+    spawn_labels: StringProperty(
+        name="Spawn Labels",
+        description="Labels that people spawn on in a rectangle, such as platform, hall; where the "
+        "state machine lets them if empty",
     )
     wall_labels: StringProperty(
         name="Walls",
@@ -333,8 +369,23 @@ class SimulationSettings:
     obstacles: PointerProperty(
         type=bpy.types.Collection,
         name="Obstacles",
-        description="Collection of meshes that agents walk around, by their outlines half a meter "
+        description="Collection of meshes that people walk around, by their outlines half a meter "
         "above the ground",
+    )
+    people_a_minute: FloatProperty(
+        name="People a Minute",
+        min=0,
+        max=100_000,
+        description="How many come in a minute, until all Agents have come; 0 if all are there at "
+        "first",
+    )
+    walking_speed: EnumProperty(
+        name="Speed",
+        description="How fast a person walks whom nobody hinders",
+        items=[
+            ("PEOPLE", "People", "1.34 m/s on average, spread as Weidmann measured it"),
+            ("STRIDE", "Stride", "As fast as the character's action walks; without one as people"),
+        ],
     )
     simulated_seconds: FloatProperty(
         name="Duration",
@@ -343,7 +394,13 @@ class SimulationSettings:
         max=36_000,
         subtype="TIME_ABSOLUTE",
         unit="TIME_ABSOLUTE",
-        description="Seconds to simulate",
+        description="Seconds to simulate; of several crowds the longest counts",
+    )
+    simulation_file: StringProperty(
+        name="Simulation File",
+        subtype="FILE_PATH",
+        options={"PATH_SUPPORTS_BLEND_RELATIVE", "HIDDEN"},
+        description="Trajectories that Simulate wrote, which the crowd follows",
     )
 
 

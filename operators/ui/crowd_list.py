@@ -5,6 +5,7 @@ import bpy
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender.operator import Reporting
 from ..scene.machine.tracks_source import notes_on_frames
+from ..scene.sources.spawn_source import SPAWNING
 from ..settings import needs
 from ..settings.crowds import active_crowd, add_crowd, index_of_active, set_lengths
 from ..viewport import viewport_overlay
@@ -13,7 +14,11 @@ from .settings_list import Removing
 from .step_panel import StepPanel
 
 # who moves the agents of a source that has neither label map nor state machine
-MOVERS = {"FILE": "The file moves the agents", "POINTS": "The object moves the agents"}
+MOVERS = {
+    "FILE": "The file moves the agents",
+    "POINTS": "The object moves the agents",
+    "SIMULATION": "Their goals move the agents: see Simulation",
+}
 
 
 class CROWDLOD_UL_crowds(bpy.types.UIList):
@@ -97,10 +102,12 @@ def draw_source(layout, crowd) -> None:
     else:
         layout.prop(crowd, "count")
         draw_start(layout, crowd)
+    if crowd.source == "SIMULATION":
+        button(layout, "crowd_lod.simulate", icon="MOD_PHYSICS")
     layout.prop(crowd, "seed")
     active_column(layout, crowd.source != "POINTS").prop(crowd, "center")
     stretched = crowd.source == "FILE" and crowd.height_image is not None  # over the crowd's ground
-    active_column(layout, crowd.source == "MACHINE" or stretched).prop(crowd, "size")
+    active_column(layout, crowd.source in SPAWNING or stretched).prop(crowd, "size")
 
 
 def draw_start(layout, crowd) -> None:
@@ -138,25 +145,11 @@ def draw_ground(layout, crowd) -> None:
 
 def draw_behavior(layout, crowd) -> None:
     """Draw what the agents of a crowd do; grayed where a file or an object moves them."""
-    column = active_column(layout, crowd.source == "MACHINE")
+    column = active_column(layout, crowd.source in SPAWNING)
     label(column, "Label Map")
     column.template_ID(crowd, "map_image", open="image.open")
     label(column, "State Machine")
     column.template_ID(crowd, "machine", new="text.new", open="text.open")
-
-
-def draw_simulation(layout, crowd) -> None:
-    """Draw the settings of Simulate with JuPedSim and its button."""
-    for name in (
-        "spawn_labels",
-        "goal_labels",
-        "goal_choice",
-        "wall_labels",
-        "obstacles",
-        "simulated_seconds",
-    ):
-        layout.prop(crowd, name)
-    button(layout, "crowd_lod.simulate", icon="MOD_PHYSICS")
 
 
 CLASSES = (

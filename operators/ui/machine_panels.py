@@ -21,6 +21,7 @@ from ..scene.machine.machine_editor import (
 )
 from ..scene.machine.machine_settings import MOST_TARGETS, color_of, rows_of
 from ..scene.machine.map_painting import map_of
+from ..scene.sources.spawn_source import SPAWNING
 from ..viewport import viewport_overlay
 from .area_list import draw_areas
 from .crowd_list import MOVERS, OfCrowd, parts_shown
@@ -298,7 +299,7 @@ class CROWDLOD_PT_areas(OfCrowd, bpy.types.Panel):
 
     def crowd(self, context, layout, crowd) -> None:
         rows_of(context, "labels", draft_of(context.scene).labels)
-        draw_areas(active_column(layout, crowd.source == "MACHINE"), context, crowd)
+        draw_areas(active_column(layout, crowd.source in SPAWNING), context, crowd)
         _mover(layout, crowd)
         if trouble := map_areas.trouble_of(context.scene):
             paragraph(layout, trouble, "ERROR", letters_of(context))

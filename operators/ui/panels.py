@@ -14,7 +14,6 @@ from ...crowd_lod.levels.cost_model import NAMES
 from ..blender.scene_data import engine_of
 from ..deliver.update_all import due_steps
 from ..freshness.artifacts import LODS, stale
-from ..scene.sources.jupedsim_run import has_jupedsim
 from ..settings import needs
 from ..settings.crowds import active_crowd
 from ..settings.level_settings import CrowdLodGroup
@@ -27,7 +26,6 @@ from .crowd_list import (
     OfCrowd,
     draw_behavior,
     draw_ground,
-    draw_simulation,
     draw_source,
     parts_shown,
 )
@@ -45,6 +43,7 @@ from .drawing import (
     table,
     wide,
 )
+from .goal_list import draw_simulation
 from .settings_list import draw_list
 from .step_panel import Sidebar, StepPanel, help_button
 from .wardrobe_panel import CROWDLOD_PT_wardrobes
@@ -224,10 +223,11 @@ class CROWDLOD_PT_simulation(OfCrowd, bpy.types.Panel):
 
     @classmethod
     def poll(cls, context) -> bool:
-        return super().poll(context) and has_jupedsim()
+        crowd = active_crowd(context.scene.crowd_lod)
+        return crowd is not None and crowd.source == "SIMULATION"
 
     def crowd(self, context, layout, crowd) -> None:
-        draw_simulation(layout, crowd)
+        draw_simulation(layout, context, crowd)
 
 
 class CROWDLOD_PT_camera(StepPanel, bpy.types.Panel):

@@ -126,6 +126,7 @@ OPERATORS = [
 ALWAYS = {
     "add_area",
     "add_crowd",
+    "add_goal",
     "add_override",
     "help",
     "machine_import",
@@ -161,7 +162,8 @@ def test_no_poll_raises_without_a_scene():
 # what Populate and the handlers write; and lists, which have buttons of their own
 # pop_reduction is drawn in percent
 NOT_DRAWN = {"points_count", "spawn_places", "terrain_mesh", "areas_image", "pop_reduction"}
-LISTED = {"areas", "overrides", "override_index"}
+NOT_DRAWN |= {"simulation_file"}
+LISTED = {"areas", "goals", "overrides", "override_index"}
 BUDGETS = {setting for setting, _, _ in LIMITS.values()}  # drawn from that table
 
 

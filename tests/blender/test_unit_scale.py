@@ -256,7 +256,8 @@ def test_jupedsim_walks_alike_in_every_unit(scale, scaled, tmp_path):
     settings = scene.crowd_lod
     settings.count = 10
     settings.simulated_seconds = 3
-    settings.goal_labels = "right edge"
+    settings.source = "SIMULATION"
+    settings.crowds[0].goals.add().label = "right edge"
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "hall.blend"))
     assert bpy.ops.crowd_lod.simulate() == {"FINISHED"}
     assert bpy.ops.crowd_lod.populate() == {"FINISHED"}

@@ -23,7 +23,8 @@ sample_scenes.make("chapter", scene)
 for name in "child", "heavy":
     scene.crowd_lod.characters.children.unlink(bpy.data.collections[name])
 coarsen(scene.crowd_lod)
-scene.crowd_lod.count, scene.crowd_lod.goal_labels = 20, "left edge, right edge"
+scene.crowd_lod.count = 20
+scene.crowd_lod.crowds[0].goals.add().label = "left edge, right edge"
 scene.crowd_lod.level_count = 2
 store_groups(scene.crowd_lod, measure_groups(scene))
 list(make_levels(scene))

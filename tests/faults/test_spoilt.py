@@ -269,7 +269,7 @@ def test_commands_refuse_a_spoilt_file_in_one_sentence_and_write_nothing(
         opened = saved_once(f"built {CAGE}", None)
         opened.frame_end = 2
         opened.crowd_lod.count = 20
-        opened.crowd_lod.goal_labels = "left edge, right edge"
+        opened.crowd_lod.crowds[0].goals.add().label = "left edge, right edge"
         done = [spoil(opened, dice) for _ in range(3)]
         bpy.ops.wm.save_as_mainfile(filepath=str(crowd), copy=True)
         words = dice.choice(WORDS).format(crowd=crowd, tracks=tmp_path / "tracks.txt").split()

@@ -76,7 +76,7 @@ def small(file: Path) -> None:
     scene.crowd_lod.count = 20
     scene.crowd_lod.level_count = 2
     scene.frame_end = 3
-    scene.crowd_lod.goal_labels = "left edge, right edge"
+    scene.crowd_lod.crowds[0].goals.add().label = "left edge, right edge"
     store_groups(scene.crowd_lod, measure_groups(scene))
     list(make_levels(scene))
     bpy.ops.wm.save_as_mainfile(filepath=str(file), copy=True)

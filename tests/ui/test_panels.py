@@ -24,8 +24,7 @@ BUTTONS += (
 ).split()
 TEXTS = "", "garbage.npz", "plan.npz", "//gone/plan.npz", "a\tb\nc", "\n", "1,5", "x" * 300
 
-# panels of what JuPedSim does, which this Blender lacks
-WITH_JUPEDSIM = {"CROWDLOD_PT_simulation"}
+OF_SIMULATION = {"CROWDLOD_PT_simulation"}  # panels of a source that the crowd has not
 
 
 class Window:
@@ -109,7 +108,7 @@ def test_all_panels_are_drawn_in_the_sidebar_or_where_they_pop_up(window):
     opened = [("popover", name) for name in pop_up] + [("menu", name) for name in knows["menus"]]
     no_characters = ("set", "settings", 0, "characters", None)  # else no sample scenes
     drawn_panels = window.draw([("another view layer",), *opened, no_characters])
-    assert drawn_panels == [name for name in knows["panels"] if name not in WITH_JUPEDSIM]
+    assert drawn_panels == [name for name in knows["panels"] if name not in OF_SIMULATION]
 
 
 def test_drawings_of_a_new_scene_make_no_crowd(window):

@@ -15,6 +15,9 @@ from ...settings.crowds import crowds_of
 from ..machine.scene_world import machine_of, names_in
 from ..machine.tracks_source import file_inputs, tracks_of_crowd
 
+# of people, m/s: mean, deviation, least and most (Weidmann 1993)
+WALKING = 1.34, 0.26, 0.7, 2.0
+
 
 def stride_of(
     scene: bpy.types.Scene, group: str, part: PlayedAction, given: float, feet: float, size: float
@@ -50,6 +53,8 @@ def speeds_of(scene: bpy.types.Scene, group: str, action: str) -> Iterator[float
             for s, name in enumerate(machine.actions):
                 if name == action:
                     yield from (np.unique(np.hypot(*machine.velocity[s].T)) * meters).tolist()
+        elif crowd.source == "SIMULATION" and not action:
+            yield WALKING[0]
         elif crowd.source == "FILE" and not action:
             with suppress(CrowdError):  # where the file is read it is told
                 tracks = tracks_of_crowd(crowd, scene_data.frame_rate(scene))
@@ -73,4 +78,6 @@ def speed_inputs(scene: bpy.types.Scene) -> list[tuple]:
             inputs.append((names, list(machine.actions), speeds.tolist()))
         elif crowd.source == "FILE":
             inputs.append((names, file_inputs(crowd)))
+        elif crowd.source == "SIMULATION":
+            inputs.append((names, crowd.source))
     return inputs

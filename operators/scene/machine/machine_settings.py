@@ -224,6 +224,9 @@ class CrowdLodMachineEditor(bpy.types.PropertyGroup):
     area_index: IntProperty(
         name="Area", min=0, description="The wall or area that is selected in the list"
     )
+    goal_index: IntProperty(
+        name="Goal", min=0, description="The goal of a simulation that is selected in the list"
+    )
     show_map: BoolProperty(
         name="Show on Ground",
         description="Show the active crowd's label map on a plane over its ground, which renders "

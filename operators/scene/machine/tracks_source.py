@@ -13,6 +13,7 @@ from ....crowd_lod.world.maps import FARTHEST
 from ...blender import scene_cache, scene_data
 from ...blender.output_folders import full_path
 
+FOLLOWING = "FILE", "SIMULATION"  # sources of crowds that follow a file
 UNITS = {"AUTO": "", "M": "m", "CM": "cm", "MM": "mm", "FT": "ft"}
 # By path, time of change and size: the digest of the file's content.
 _contents: dict[tuple, bytes] = scene_cache.add_cache({})
@@ -21,7 +22,11 @@ _files = scene_cache.Bounded(4)
 
 
 def tracks_path(crowd) -> Path:
-    """Return the path of the crowd's file. CrowdError if none is chosen."""
+    """Return the path of the crowd's file. CrowdError if none is chosen, or simulated yet."""
+    if crowd.source == "SIMULATION":
+        if not crowd.simulation_file:
+            raise CrowdError(f"{crowd.name} is not simulated yet: press Simulate.")
+        return full_path(crowd.simulation_file, crowd.id_data.library)
     if not crowd.tracks_file.strip():
         raise CrowdError(
             f"{crowd.name} follows a file, and none is chosen: choose a File in the Crowd panel."
@@ -38,9 +43,10 @@ def stamp_of(crowd) -> tuple:
     try:
         status = os.stat(path)
     except OSError as error:
+        remedy = "choose another" if crowd.source == "FILE" else "press Simulate"
         raise CrowdError(
             f"The file of trajectories {printable(path)} cannot be read ({error.strerror}): "
-            f"choose another."
+            f"{remedy}."
         ) from None
     return str(path), status.st_mtime_ns, status.st_size
 
@@ -50,8 +56,9 @@ def file_inputs(crowd) -> tuple:
     try:
         stamp = stamp_of(crowd)
     except CrowdError:  # reported where the file is read
-        stamp = (crowd.tracks_file,)
-    return *stamp, crowd.tracks_unit, crowd.tracks_rate, crowd.tracks_up, crowd.tracks_columns
+        stamp = (crowd.tracks_file, crowd.simulation_file)
+    scene = crowd.id_data
+    return *stamp, *_reading_options(crowd, scene_data.frame_rate(scene))
 
 
 def tracks_of_crowd(crowd, usual: float) -> Tracks:
@@ -84,11 +91,7 @@ def notes_on_frames(crowd) -> str:
 
 def read_files(crowds: list, usual: float) -> Generator[float, None, None]:
     """Read the crowds' files into the cache of `tracks_of_crowd`; yield the progress, 0 to 1."""
-    files = dict.fromkeys(
-        (stamp_of(crowd), _reading_options(crowd, usual))
-        for crowd in crowds
-        if crowd.source == "FILE"
-    )
+    files = dict.fromkeys((stamp_of(crowd), _reading_options(crowd, usual)) for crowd in crowds)
     work = Workload(len(files))
     for stamp, options in files:
         if _known_tracks(stamp, options) is None:
@@ -107,6 +110,9 @@ def _reading_options(crowd, usual: float) -> tuple[str, float, float, str, str, 
     """Return the options of reading: unit, rate, usual rate, upward axis, columns, meters per
     unit.
     """
+    meters = scene_data.meters(crowd.id_data)
+    if crowd.source == "SIMULATION":
+        return "m", 0.0, usual, "Z", "", meters
     rate = round(float(crowd.tracks_rate), 6)
     return (
         UNITS[crowd.tracks_unit],
@@ -114,7 +120,7 @@ def _reading_options(crowd, usual: float) -> tuple[str, float, float, str, str, 
         0.0 if rate else usual,
         crowd.tracks_up,
         crowd.tracks_columns,
-        scene_data.meters(crowd.id_data),
+        meters,
     )
 
 

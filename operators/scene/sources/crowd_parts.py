@@ -13,6 +13,7 @@ from ..characters.character_provenance import MOTION, motions
 from ..characters.characters import all_characters
 from ..characters.strides import speed_inputs
 from ..machine.scene_world import terrain_digest
+from .simulation_source import simulation_digest
 from .spawn_source import places_digest
 
 GROUPS = "the character groups"
@@ -75,4 +76,5 @@ def _ground_parts(scene: bpy.types.Scene) -> dict[str, str]:
         whose = f" of {crowd.name}" if len(crowds) > 1 else ""
         parts[f"the terrain{whose}"] = terrain_digest(crowd)
         parts[f"the spawn places{whose}"] = places_digest(crowd)
+    parts["the simulation"] = simulation_digest(scene)
     return {name: digest for name, digest in parts.items() if digest}

@@ -108,7 +108,8 @@ def read_sources(
         spawn_source.read_places(crowd, forward, depsgraph)
         scene_world.read_terrain(crowd, depsgraph)
         yield work.did(1)
-    reading = tracks_source.read_files(crowds, scene_data.frame_rate(crowds[0].id_data))
+    following = [crowd for crowd in crowds if crowd.source == "FILE"]
+    reading = tracks_source.read_files(following, scene_data.frame_rate(crowds[0].id_data))
     yield from work.take(reading, 8 * len(crowds))
     for crowd in crowds:
         terrain = scene_world.terrain_of(crowd, area_of(crowd).z)
@@ -171,7 +172,7 @@ def _settings_of(crowd) -> tuple:
     place = (
         spawn_source.places_inputs(crowd),
         ground,
-        tracks_source.file_inputs(crowd) if crowd.source == "FILE" else (),
+        tracks_source.file_inputs(crowd) if crowd.source in tracks_source.FOLLOWING else (),
     )
     units = scene_data.meters(crowd.id_data)
     return text, units, numbers, crowd.tilt, crowd.group_names, crowd.use_crowd, points, *place
@@ -271,10 +272,11 @@ def _member(
         or not all(a is b for a, b in zip(before[1], images, strict=True))
     ):
         stored_values.check(crowd)
+        make = _recorded if crowd.source in tracks_source.FOLLOWING else _walk
         latest[index] = (
             inputs,
             images,
-            (_recorded if crowd.source == "FILE" else _walk)(crowd, groups, seconds),
+            make(crowd, groups, seconds),
         )
     return latest[index][2]
 

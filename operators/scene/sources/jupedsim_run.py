@@ -1,294 +1,255 @@
-"""A crowd's trajectories, simulated by JuPedSim (https://www.jupedsim.org), where it is installed.
+"""People who walk to goals, around walls and each other, by JuPedSim (https://www.jupedsim.org).
 
-JuPedSim brings Shapely, which does the geometry here. Both are imported when a simulation starts.
+All crowds of a scene walk in one run. JuPedSim and Shapely are imported when it begins.
 """
 
-import sys
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
-from importlib import import_module
-from importlib.util import find_spec
-from math import ceil, sqrt
-from pathlib import Path
-from types import SimpleNamespace
+from itertools import chain
+from math import ceil
 from typing import Any
 
-import bpy
 import numpy as np
 
 from ....crowd_lod.errors import CrowdError
 from ....crowd_lod.progress import Workload
-from ....crowd_lod.world.maps import LabelMap
+from ....crowd_lod.tracks.rows import Rows
+from ....crowd_lod.tracks.simulated import Facing, nearest_distance
+from .simulation_sites import People, Site, load
 
-# JuPedSim needs only these to simulate; its wheel also requires Qt and VTK, 1.2 GB, for a viewer.
-PACKAGES = "jupedsim shapely deprecated wrapt"
 # meters and seconds: JuPedSim's defaults for people
 RADIUS = 0.2
 TIME_GAP = 1.0
-SPEED = (1.34, 0.26, 0.7, 2.0)  # meters per second: mean, deviation, least and most (Weidmann 1993)
-# meters between two agents at the start, and from an agent to a wall
-APART = 0.45
-OFF_WALL = 0.25
-LONGEST_STEP = 0.02  # seconds
-# What finding the site costs, and the places of agents on it, as parts of the simulation
-SITE, PLACES = 0.01, 0.04
+STEP = 0.05
+EVERY = 2  # steps from one row of the file to the next
+RATE = 1 / (STEP * EVERY)  # rows a second
+# Rows from one look at who has arrived to the next: each takes as long as a row, as agents are asked
+# for anew when someone leaves.
+LOOKS = 5
+REACHED = 0.4  # meters from its place in a goal, where a person stops
+PLACING = 0.05  # what placing the people costs, as a part of the run
 
 
 @dataclass(frozen=True)
-class SimulationRequest:
-    """What to simulate.
+class Walked:
+    """How one crowd has walked.
 
-    world: the label map.
-    walls, starts, goals: (L,) bool: the labels that nobody enters, that agents spawn on, and that
-        they walk to.
-    obstacles: (k, 2, 2) float64, world meters: segments that nobody crosses, such as outlines of
-        meshes. Nobody enters what closed ones enclose.
-    nearest: whether agents walk to the nearest goal; else each draws one.
-    count, seed: of agents.
-    seconds: how long.
-    rate: frames a second in the file.
+    rows: meters from the origin; ids count the people from 0.
+    came, left, stayed: how many there were, have left at an exit, and stand at a goal.
+    at_first: how many were there from the first row on.
     """
 
-    world: LabelMap
-    walls: np.ndarray
-    starts: np.ndarray
-    goals: np.ndarray
-    obstacles: np.ndarray
-    nearest: bool
-    count: int
-    seed: int
-    seconds: float
-    rate: float
+    rows: Rows
+    came: int
+    left: int
+    stayed: int
+    at_first: int
 
 
-def simulate(request: SimulationRequest, path: Path) -> Generator[float, None, int]:
-    """Simulate people, and write JuPedSim's SQLite file of trajectories to the new file `path`.
+def simulate(
+    ground: Any, crowds: Sequence[People], seconds: float
+) -> Generator[float, None, tuple[list[Walked], float]]:
+    """Let the people walk: yield the progress, 0 to 1.
 
-    Positions are in meters from the middle of the map's area. Agents leave at a goal.
-    Yields the progress, 0 to 1, and returns how many agents arrived.
-    CrowdError if JuPedSim is not installed, or cannot simulate it.
+    Returns how each crowd has walked, and the least distance between any two people in any row,
+    meters.
+
+    ground: Polygons that may be walked on, meters from the origin. Nobody gets from one to another.
+    CrowdError if JuPedSim is not there, or cannot simulate it.
     """
-    jupedsim = _module("jupedsim")
-    steps = ceil(1 / (request.rate * LONGEST_STEP))  # of each frame in the file
-    whole = ceil(request.seconds * request.rate) * steps
-    work = Workload((SITE + PLACES + 1) * whole)
-    ground, starts, targets = _site(request)
-    yield work.did(SITE * whole)
-    draws = np.random.default_rng(request.seed)
-    places = _places(starts, request.count, draws)
-    yield work.did(PLACES * whole)
-    writer = jupedsim.SqliteTrajectoryWriter(output_file=path, every_nth_frame=steps)
+    jupedsim = load("jupedsim")
+    shapely = load("shapely")
+    rows = ceil(seconds * RATE)
+    work = Workload((1 + PLACING) * rows)
     try:
-        simulation = jupedsim.Simulation(
-            model=jupedsim.CollisionFreeSpeedModel(), geometry=ground, dt=1 / (request.rate * steps)
-        )
-        numbered = _Numbered(
-            simulation, _enter(simulation, places, targets, request.nearest, draws)
-        )
-        writer.begin_writing(numbered)
-        writer.write_iteration_state(numbered)
-        while simulation.agent_count() and simulation.iteration_count() < whole:
-            simulation.iterate()
-            writer.write_iteration_state(numbered)
-            yield work.did(1)
-        return request.count - simulation.agent_count()
-    except (RuntimeError, jupedsim.TrajectoryWriter.Exception) as error:
+        run = _Simulation(jupedsim, [*shapely.get_parts(ground)], crowds)
+        for row in range(rows):
+            run.let_in(row)
+            run.record(row)
+            yield work.did(1 + PLACING * rows if row == 0 else 1)
+            if row % LOOKS == 0:
+                run.arrive()
+            run.walk()
+        run.record(rows)
+    except RuntimeError as error:
         reason = str(error).strip().partition("\n")[0].rstrip(".")
-        raise CrowdError(f"JuPedSim cannot simulate this crowd: {reason}.") from None
-    finally:
-        writer.close()
+        raise CrowdError(f"JuPedSim cannot simulate these crowds: {reason}.") from None
+    return run.walked()
 
 
-def has_jupedsim() -> bool:
-    """Return whether JuPedSim is installed where this Blender finds it."""
-    return find_spec("jupedsim") is not None
+WAITS, WALKS, STAYS, LEFT = range(4)  # what a person does; who waits has not come yet
 
 
-def _module(name: str) -> Any:
-    """Return the module; CrowdError with the command to install it if it is missing."""
-    try:
-        return import_module(name)
-    except ImportError as error:
-        raise CrowdError(
-            f"Simulating needs JuPedSim, which this Python lacks ({error}): run {_remedy()} in a "
-            f"terminal, then start "
-            "Blender again."
-        ) from None
+class _Simulation:
+    """One simulation: all people of all crowds, numbered through, and where they are."""
 
+    def __init__(self, jupedsim: Any, ground: list[Any], crowds: Sequence[People]):
+        self.crowds = crowds
+        self.sites = [Site(crowd, ground) for crowd in crowds]
+        used = sorted({part for site in self.sites for part in site.parts})
+        self.parts = {part: _WalkedPart(jupedsim, ground[part]) for part in used}
+        counts = [site.count for site in self.sites]
+        self.first = np.cumsum([0, *counts])
+        total = int(self.first[-1])
+        self.speeds = np.concatenate([np.empty(0), *(site.speeds for site in self.sites)])
+        self.due = np.concatenate([np.empty(0), *(site.due for site in self.sites)])
+        self.does = np.full(total, WAITS)
+        self.goal = np.zeros(total, np.intp)
+        self.target = np.zeros((total, 2))
+        self.place = np.zeros((total, 2))
+        self.facing = Facing(np.zeros(total))
+        self.kept: list[tuple[int, np.ndarray, np.ndarray, np.ndarray]] = []
 
-def _remedy() -> str:
-    """Return the command that installs JuPedSim where this Blender finds it."""
-    place = ""
-    if sys.prefix == sys.base_prefix:  # not in an environment of its own, such as a checkout's
-        place = f' --target "{bpy.utils.user_resource("SCRIPTS", path="modules")}"'
-    return f'"{sys.executable}" -m pip install --no-deps{place} {PACKAGES}'
-
-
-def _site(request: SimulationRequest) -> tuple[Any, Any, list[Any]]:
-    """Return the Polygon to walk in, the area to spawn in, and the goals, convex Polygons."""
-    shapely = _module("shapely")
-
-    def polygons(chosen: np.ndarray) -> list[Any]:
-        return walkable_polygons(request.world, chosen[request.world.labels])
-
-    ground = shapely.union_all(polygons(~request.walls)).difference(_solid(request))
-    starts = shapely.union_all(polygons(request.starts))
-    goals = polygons(request.goals)
-    best = None, None, []
-    for part in shapely.get_parts(ground):
-        start_area = starts.intersection(part.buffer(-OFF_WALL))
-        targets = [
-            _target(piece, part)
-            for goal in goals
-            for piece in shapely.get_parts(goal.intersection(part))
-        ]
-        targets = [target for target in targets if target is not None]
-        if (
-            targets
-            and not start_area.is_empty
-            and (best[0] is None or start_area.area > best[1].area)
-        ):
-            best = part, start_area, targets
-    if best[0] is None:
-        raise CrowdError(
-            "No ground has both a place to spawn and a goal: paint a goal's label that the starts "
-            "are not walled off from, or "
-            "name other labels in Goals and Spawn Labels."
-        )
-    return best
-
-
-def walkable_polygons(world: LabelMap, cells: np.ndarray) -> list[Any]:
-    """Return the cells that are True as Polygons in meters from the middle of the map's area.
-
-    cells: (rows, columns) bool. Cells that share sides make one Polygon. Polygons are in the order
-        of their first cells.
-    """
-    shapely = _module("shapely")
-    changes = np.diff(np.pad(cells, ((0, 0), (1, 1))).astype(np.int8), axis=1)
-    row, begin = np.nonzero(changes == 1)
-    _, end = np.nonzero(changes == -1)  # of the same runs of cells
-    runs = shapely.box(begin, row, end, row + 1)
-    parts = shapely.get_parts(shapely.union_all(runs).simplify(0))
-    ordered = sorted(parts, key=lambda part: min((y, x) for x, y in part.exterior.coords))
-    middle = np.array(cells.shape[::-1]) / 2
-    return [
-        shapely.transform(part, lambda corners: (corners - middle) * world.cell) for part in ordered
-    ]
-
-
-def _solid(request: SimulationRequest) -> Any:
-    """Return the ground under the obstacles; lines that enclose nothing get a width of 2 cm."""
-    shapely = _module("shapely")
-    area = request.world.area
-    middle = (area.x_min + area.x_max) / 2, (area.y_min + area.y_max) / 2
-    # cut where they cross
-    lines = shapely.union_all(shapely.linestrings(request.obstacles - middle))
-    closed = shapely.get_parts(shapely.polygonize([lines]))
-    return shapely.union_all([*closed, lines.buffer(0.01, cap_style="square", join_style="mitre")])
-
-
-def _target(goal: Any, part: Any) -> Any:
-    """Return a convex Polygon in `goal` that agents in `part` can walk to; None if there is none.
-
-    JuPedSim takes only convex ones.
-    """
-    shapely = _module("shapely")
-    if goal.geom_type != "Polygon":  # where it only touches the part
-        return None
-    hull = goal.convex_hull
-    if not part.covers(hull):
-        within = [
-            triangle
-            for triangle in shapely.get_parts(shapely.delaunay_triangles(goal))
-            if goal.covers(triangle)
-        ]
-        hull = max(within, key=lambda triangle: triangle.area, default=None)
-    return hull
-
-
-def _places(starts: Any, count: int, draws: np.random.Generator) -> np.ndarray:
-    """Return (count, 2) float64 places in `starts`, APART from each other.
-
-    They are those of a grid, jittered and shuffled.
-
-    CrowdError if so many do not fit.
-    """
-    shapely = _module("shapely")
-    shapely.prepare(starts)
-    least, most = np.reshape(starts.bounds, (2, 2))
-    between = max(sqrt(starts.area / max(count, 1)), APART)
-    while True:
-        grid = np.stack(
-            np.meshgrid(
-                *(np.arange(a, b + between, between) for a, b in zip(least, most, strict=True))
-            ),
-            axis=-1,
-        )
-        places = grid.reshape(-1, 2)
-        turn = 2 * np.pi * draws.random(len(places))
-        far = (between - APART) / 2 * np.sqrt(draws.random(len(places)))
-        places = places + np.stack([far * np.cos(turn), far * np.sin(turn)], axis=1)
-        places = places[shapely.contains_xy(starts, *places.T)]
-        if len(places) >= count:
-            return draws.permutation(places)[:count]
-        if between == APART:
-            raise CrowdError(
-                f"The crowd has {count:,} agents, and only {len(places):,} find room to spawn "
-                f"{APART} m apart: lower Agents, or "
-                "paint more ground to spawn on."
+    def let_in(self, row: int) -> None:
+        """Let those in whose time has come, where there is room."""
+        for k, site in enumerate(self.sites):
+            begin, end = self.first[k : k + 2]
+            due = begin + np.flatnonzero(
+                (self.does[begin:end] == WAITS) & (self.due[begin:end] <= row / RATE)
             )
-        between = max(0.9 * between, APART)
+            if not len(due):
+                continue
+            there = (self.does == WALKS) | (self.does == STAYS)
+            places, part_of = site.rooms(len(due), self.place[there], row == 0)
+            people = due[: len(places)]
+            goals, targets = site.aims(places, part_of)
+            self.does[people] = WALKS
+            self.place[people] = places
+            self.goal[people] = goals
+            self.target[people] = targets
+            way = targets - places
+            self.facing.heading[people] = np.arctan2(way[:, 1], way[:, 0])
+            for person, part in zip(people.tolist(), part_of.tolist(), strict=True):
+                self.parts[part].add(
+                    person, self.place[person], self.target[person], self.speeds[person]
+                )
+        for each in self.parts.values():
+            each.look()
 
+    def record(self, row: int) -> None:
+        """Keep where everyone is."""
+        people = np.flatnonzero((self.does == WALKS) | (self.does == STAYS))
+        self.kept.append((row, people, self.place[people], self.facing.heading[people]))
 
-def _enter(
-    simulation: Any,
-    places: np.ndarray,
-    targets: list[Any],
-    nearest: bool,
-    draws: np.random.Generator,
-) -> list[int]:
-    """Add an agent at each of `places` (n, 2) with one of `targets` as its goal; return ids."""
-    jupedsim = _module("jupedsim")
-    shapely = _module("shapely")
-    stages = [simulation.add_exit_stage(target) for target in targets]
-    journeys = [simulation.add_journey(jupedsim.JourneyDescription([stage])) for stage in stages]
-    target_of = draws.integers(len(targets), size=len(places))
-    if nearest:
-        target_of = np.array(
-            [shapely.distance(shapely.points(places), target) for target in targets]
-        ).argmin(axis=0)
-    mean, deviation, least, most = SPEED
-    speeds = np.clip(draws.normal(mean, deviation, len(places)), least, most)
-    return [
-        simulation.add_agent(
-            jupedsim.CollisionFreeSpeedModelAgentParameters(
-                position=tuple(place),
-                desired_speed=speed,
-                radius=RADIUS,
-                time_gap=TIME_GAP,
-                journey_id=journeys[goal],
-                stage_id=stages[goal],
-            )
+    def arrive(self) -> None:
+        """Let those leave who are at an exit, and those stop who are at their place in a goal."""
+        for p, part in self.parts.items():
+            people = part.people
+            if not len(people):
+                continue
+            crowd_of = np.searchsorted(self.first, people, side="right") - 1
+            near = np.hypot(*(self.place[people] - self.target[people]).T) < REACHED
+            leaves = np.zeros(len(people), bool)
+            stops = np.zeros(len(people), bool)
+            for k, site in enumerate(self.sites):
+                for g, goal in enumerate(self.crowds[k].goals):
+                    (own,) = np.nonzero((crowd_of == k) & (self.goal[people] == g))
+                    if goal.is_exit and len(own):
+                        x, y = self.place[people[own]].T
+                        leaves[own] = site.aims_of[p][g].holds(x, y)
+                    else:
+                        stops[own] = near[own] & (self.does[people[own]] == WALKS)
+            self.does[people[stops]] = STAYS
+            self.does[people[leaves]] = LEFT
+            part.end(leaves, stops)
+
+    def walk(self) -> None:
+        """Walk on to the next row."""
+        for part in self.parts.values():
+            part.walk()
+            people = part.people
+            places = part.places()
+            self.facing.follow(people, places - self.place[people], 1 / RATE)
+            self.place[people] = places
+
+    def walked(self) -> tuple[list[Walked], float]:
+        """Return how each crowd has walked, and the least distance between any two people."""
+        frames = np.repeat([row for row, *_ in self.kept], [len(who) for _, who, *_ in self.kept])
+        people, places, headings = (
+            np.concatenate([kept[k] for kept in self.kept]) for k in (1, 2, 3)
         )
-        for place, speed, goal in zip(
-            places.tolist(), speeds.tolist(), target_of.tolist(), strict=True
-        )
-    ]
-
-
-class _Numbered:
-    """A simulation for its writer, agents numbered from 0; JuPedSim counts on from run to run."""
-
-    def __init__(self, simulation: Any, ids: list[int]) -> None:
-        self._simulation = simulation
-        self._numbers = {own: number for number, own in enumerate(ids)}
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._simulation, name)
-
-    def agents(self) -> Iterator[SimpleNamespace]:
-        for agent in self._simulation.agents():
-            yield SimpleNamespace(
-                id=self._numbers[agent.id], position=agent.position, orientation=agent.orientation
+        outcomes = []
+        for begin, end in zip(self.first[:-1], self.first[1:], strict=True):
+            (own,) = np.nonzero((people >= begin) & (people < end))
+            rows = Rows(
+                id=(people[own] - begin).astype(np.int32),
+                frame=frames[own].astype(np.int32),
+                x=places[own, 0],
+                y=places[own, 1],
+                heading=headings[own].astype(np.float32),
+                rate=RATE,
             )
+            does = self.does[begin:end]
+            outcomes.append(
+                Walked(
+                    rows,
+                    int((does != WAITS).sum()),
+                    int((does == LEFT).sum()),
+                    int((does == STAYS).sum()),
+                    int((rows.frame == 0).sum()),
+                )
+            )
+        return outcomes, nearest_distance(frames, places)
+
+
+class _WalkedPart:
+    """A part of the ground that hangs together, and who is on it.
+
+    people: (m,) intp, their numbers.
+    """
+
+    def __init__(self, jupedsim: Any, ground: Any):
+        self._jupedsim = jupedsim
+        self._simulation = jupedsim.Simulation(
+            model=jupedsim.CollisionFreeSpeedModel(), geometry=ground, dt=STEP
+        )
+        self._stage = self._simulation.add_direct_steering_stage()
+        self._journey = self._simulation.add_journey(jupedsim.JourneyDescription([self._stage]))
+        self._numbers: dict[int, int] = {}  # by JuPedSim's own
+        # Asked for once, which halves the time of a row: they hold until someone comes or leaves.
+        self._agents: list[Any] = []
+        self._is_known = True
+        self.people = np.empty(0, np.intp)
+
+    def add(self, person: int, place: np.ndarray, target: np.ndarray, speed: float) -> None:
+        """Let a person in. Call `look` after the last."""
+        parameters = self._jupedsim.CollisionFreeSpeedModelAgentParameters(
+            position=tuple(place.tolist()),
+            desired_speed=float(speed),
+            radius=RADIUS,
+            time_gap=TIME_GAP,
+            journey_id=self._journey,
+            stage_id=self._stage,
+        )
+        agent = self._simulation.add_agent(parameters)
+        self._simulation.agent(agent).target = tuple(target.tolist())
+        self._numbers[agent] = person
+        self._is_known = False
+
+    def end(self, leaves: np.ndarray, stops: np.ndarray) -> None:
+        """Let those stand who stop, and take those out who leave, at the next step.
+
+        leaves, stops: (m,) bool, of `people`.
+        """
+        for k in np.flatnonzero(stops).tolist():
+            self._agents[k].model.desired_speed = 0.0
+        for k in np.flatnonzero(leaves).tolist():
+            self._simulation.mark_agent_for_removal(self._agents[k].id)
+            self._is_known = False
+
+    def walk(self) -> None:
+        """Walk on to the next row."""
+        self._simulation.iterate(EVERY)
+        self.look()
+
+    def look(self) -> None:
+        """See who is there."""
+        if not self._is_known:
+            self._agents = [*self._simulation.agents()]
+            self.people = np.array([self._numbers[agent.id] for agent in self._agents], np.intp)
+            self._is_known = True
+
+    def places(self) -> np.ndarray:
+        """Return where the people are, (m, 2) float64 meters."""
+        places = chain.from_iterable(agent.position for agent in self._agents)
+        return np.fromiter(places, float, 2 * len(self._agents)).reshape(-1, 2)

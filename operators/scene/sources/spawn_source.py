@@ -1,4 +1,4 @@
-"""Where the state machine's agents spawn: from objects to places stored in the file."""
+"""Where agents of a state machine or a simulation spawn: from objects to places stored in the file."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -17,6 +17,7 @@ from ..machine import kept_meshes
 # By the session_uid of the kept mesh.
 _places = scene_cache.Bounded(8)
 HEADING = "heading"  # attribute of the kept mesh, and of the user's points
+SPAWNING = "MACHINE", "SIMULATION"  # sources of crowds that spawn somewhere
 LIVE = "RECTANGLE", "GRID"  # these follow from the settings alone
 
 
@@ -28,7 +29,7 @@ def read_places(crowd, forward: str, depsgraph: bpy.types.Depsgraph) -> None:
     forward: the way the characters face, as in the settings.
     CrowdError if there are no such places.
     """
-    if crowd.spawn_on in LIVE or crowd.source != "MACHINE":
+    if crowd.spawn_on in LIVE or crowd.source not in SPAWNING:
         crowd.spawn_places = None
         return
     item = crowd.spawn_object
@@ -93,7 +94,7 @@ def _undrawn(crowd) -> str:
 
 def places_digest(crowd) -> str:
     """Return a digest of what the crowd's places are drawn from; "" if they are not drawn."""
-    if crowd.source != "MACHINE" or crowd.spawn_on in LIVE or crowd.spawn_object is None:
+    if crowd.source not in SPAWNING or crowd.spawn_on in LIVE or crowd.spawn_object is None:
         return ""
     volumes = () if crowd.density_volumes is None else crowd.density_volumes.all_objects
     image = crowd.density_image and crowd.density_image.name_full

@@ -1,0 +1,89 @@
+"""Goals of the active crowd's simulation: their list in the sidebar, and its buttons."""
+
+import bpy
+
+from ..blender.operator import Reporting
+from ..scene.machine.machine_editor import draft_of
+from ..scene.machine.machine_settings import rows_of
+from ..scene.machine.scene_world import machine_of
+from ..settings.crowd_settings import may_be_goal
+from ..settings.crowds import active_crowd, active_or_new
+from .drawing import active_column, button
+from .settings_list import Removing, draw_list
+
+
+class CROWDLOD_UL_goals(bpy.types.UIList):
+    """One goal a row: its name, where it is, and its share."""
+
+    def draw_item(  # noqa: PLR0913 - Blender's own signature
+        self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0
+    ) -> None:
+        row = layout.row(align=True)
+        row.prop(item, "name", text="", emboss=False)
+        row.label(text=item.object.name if item.object else item.label, translate=False)
+        row.prop(item, "is_exit", text="", icon="CHECKMARK" if item.is_exit else "PAUSE")
+
+
+def _some(scene: bpy.types.Scene) -> str:
+    crowd = active_crowd(scene.crowd_lod)
+    return "" if crowd is not None and len(crowd.goals) else "There are no goals"
+
+
+class CROWDLOD_OT_add_goal(Reporting, bpy.types.Operator):
+    """Add the selected objects as goals; without a selection, choose an object or label later"""
+
+    bl_idname = "crowd_lod.add_goal"
+    bl_label = "Add Goal"
+
+    def run(self, context) -> str:
+        crowd = active_or_new(context.scene.crowd_lod)
+        items = [item for item in context.selected_objects if may_be_goal(item)]
+        for item in items or [None]:
+            goal = crowd.goals.add()
+            goal.object = item
+            labels = machine_of(crowd).labels
+            goal.label = "" if item or "exit" not in labels else "exit"
+            goal.name = item.name if item else goal.label.capitalize() or "Goal"
+        context.scene.crowd_lod_editor.goal_index = len(crowd.goals) - 1
+        if not items:
+            return "Choose an object or a label for the goal."
+        return f"Added as goals: {', '.join(item.name for item in items)}."
+
+
+class CROWDLOD_OT_remove_goal(Removing, bpy.types.Operator):
+    """Remove the selected goal"""
+
+    bl_idname = "crowd_lod.remove_goal"
+    bl_label = "Remove Goal"
+    kind = "goal"
+    needs = (_some,)
+
+    @staticmethod
+    def holder(scene: bpy.types.Scene) -> bpy.types.PropertyGroup:
+        return scene.crowd_lod_editor
+
+    def rows(self, scene: bpy.types.Scene) -> bpy.types.bpy_prop_collection:
+        return active_crowd(scene.crowd_lod).goals
+
+
+def draw_simulation(layout, context, crowd) -> None:
+    """Draw the settings of a simulated crowd and its button."""
+    editor = context.scene.crowd_lod_editor
+    rows_of(context, "labels", draft_of(context.scene).labels)
+    draw_list(layout, crowd, "goal", editor, rows=3)
+    if len(crowd.goals):
+        goal = crowd.goals[min(editor.goal_index, len(crowd.goals) - 1)]
+        layout.prop(goal, "object")
+        active_column(layout, goal.object is None).prop_search(
+            goal, "label", context.window_manager.crowd_lod_rows, "labels"
+        )
+        active_column(layout, crowd.goal_choice == "SHARES").prop(goal, "share")
+    for name in (
+        *("goal_choice", "people_a_minute", "walking_speed"),
+        *("spawn_labels", "wall_labels", "obstacles", "simulated_seconds"),
+    ):
+        layout.prop(crowd, name)
+    button(layout, "crowd_lod.simulate", icon="MOD_PHYSICS")
+
+
+CLASSES = (CROWDLOD_UL_goals, CROWDLOD_OT_add_goal, CROWDLOD_OT_remove_goal)
