@@ -1,8 +1,9 @@
-"""Build the extension's zip: `./crowd-lod package`.
+"""Build the extension's zips, one for each platform: `./crowd-lod package`.
 
 Fetches the wheels that blender_manifest.toml lists, then validates and builds with Blender's own
 tool: the one of the Blender that the environment variable BLENDER names, or else the copy that
-ships inside the bpy module. README and docs become web pages in the zip.
+ships inside the bpy module. README and docs become web pages in the zips. Prints
+one path a line, with its size.
 """
 
 import argparse
@@ -43,14 +44,15 @@ class Failure(Exception):
 
 def main() -> None:
     parser = argparse.ArgumentParser(
-        prog="crowd-lod package", description="Build the extension's zip for Blender."
+        prog="crowd-lod package",
+        description="Build the extension's zips for Blender, one for each platform.",
     )
     parser.add_argument(
         "--out",
         type=Path,
         default=ROOT / "dist",
         metavar="DIR",
-        help="the zip's folder (%(default)s)",
+        help="the zips' folder (%(default)s)",
     )
     out = parser.parse_args().out.resolve()
 
@@ -64,13 +66,16 @@ def main() -> None:
     fetch(names)
     extension_tool("validate", ROOT)
     with tempfile.TemporaryDirectory() as folder, staged(out) as stage:
-        archive = stage / f"{manifest['id']}-{manifest['version']}.zip"
-        built = Path(folder) / archive.name
-        extension_tool("build", "--source-dir", ROOT, "--output-filepath", built)
-        write_web_pages(built, archive, manifest["website"])
-        extension_tool("validate", archive)
+        extension_tool("build", "--split-platforms", "--source-dir", ROOT, "--output-dir", folder)
+        lines = []
+        for built in sorted(Path(folder).glob("*.zip")):
+            archive = stage / built.name
+            write_web_pages(built, archive, manifest["website"])
+            extension_tool("validate", archive)
+            size = archive.stat().st_size / 1e6
+            lines.append(f"{out / archive.name}  {size:.1f} MB\n")
     # at once, and in any encoding: a full stdout is an error here, not at exit
-    os.write(1, os.fsencode(f"{out / archive.name}\n"))
+    os.write(1, os.fsencode("".join(lines)))
 
 
 def write_web_pages(built: Path, archive: Path, website: str) -> None:

@@ -11,6 +11,7 @@ from .machine import kept_meshes
 from .populate import populate_scene
 from .sources.crowd_sources import depsgraph_of
 from .sources.simulate import lay_out, simulate_changed
+from .sources.simulation_sites import lacking
 from .sources.simulation_source import simulated_crowds
 
 
@@ -32,7 +33,7 @@ def simulate_scene(scene: bpy.types.Scene) -> Generator[float, None, tuple[str, 
 
 
 def _simulated(scene: bpy.types.Scene) -> str:
-    return "" if simulated_crowds(scene) else "Set the Source of a crowd to Simulation"
+    return lacking() if simulated_crowds(scene) else "Set the Source of a crowd to Simulation"
 
 
 class CROWDLOD_OT_simulate(Stepwise, bpy.types.Operator):

@@ -20,7 +20,6 @@ from .setting_changes import outdate
 
 # what the user looks at now, and what a step found: no preset holds them
 PASSING = {"overlay", "agent", "override_index", "use_shot_plan", "use_crowd", "points_count"}
-PASSING |= {"simulation_file"}
 
 
 def setting_names() -> list[str]:

@@ -6,9 +6,10 @@ from ..blender.operator import Reporting
 from ..scene.machine.machine_editor import draft_of
 from ..scene.machine.machine_settings import rows_of
 from ..scene.machine.scene_world import machine_of
+from ..scene.sources.simulation_sites import lacking
 from ..settings.crowd_settings import may_be_goal
 from ..settings.crowds import active_crowd, active_or_new
-from .drawing import active_column, button
+from .drawing import active_column, button, label
 from .settings_list import Removing, draw_list
 
 
@@ -84,6 +85,8 @@ def draw_simulation(layout, context, crowd) -> None:
     ):
         layout.prop(crowd, name)
     button(layout, "crowd_lod.simulate", icon="MOD_PHYSICS")
+    if said := lacking():
+        label(layout, said, "ERROR")
 
 
 CLASSES = (CROWDLOD_UL_goals, CROWDLOD_OT_add_goal, CROWDLOD_OT_remove_goal)

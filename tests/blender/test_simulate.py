@@ -5,8 +5,10 @@ import sys
 import bpy
 import numpy as np
 import pytest
+from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
+from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import find_visible
 from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap
 from crowd_lod_extension.operators.blender.output_folders import full_path
@@ -14,7 +16,10 @@ from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.freshness.artifacts import CROWD, reason_of
 from crowd_lod_extension.operators.scene.machine.scene_world import machine_of, world_of
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
-from crowd_lod_extension.operators.scene.simulate_button import CROWDLOD_OT_simulate
+from crowd_lod_extension.operators.scene.simulate_button import (
+    CROWDLOD_OT_simulate,
+    simulate_scene,
+)
 from crowd_lod_extension.operators.scene.sources.simulation_ground import walkable_polygons
 from crowd_lod_extension.operators.settings.crowds import add_crowd
 
@@ -393,14 +398,16 @@ def test_bad_settings_are_one_sentence_and_nothing_changes(hall, tmp_path, chang
 
 
 def test_a_crowd_without_its_file_says_what_to_press(hall):
-    with pytest.raises(Exception, match="Crowd 1 is not simulated yet: press Simulate"):
+    with pytest.raises(CrowdError, match="Crowd 1 is not simulated yet: press Simulate"):
         trajectory_of(hall, (walker(),))
 
 
 def test_a_python_without_jupedsim_is_told_in_one_sentence(hall, monkeypatch):
     monkeypatch.setitem(sys.modules, "jupedsim", None)  # as where it is not installed
-    with pytest.raises(RuntimeError, match="Simulate needs JuPedSim, and this Blender's Python"):
+    with pytest.raises(RuntimeError, match="lacks JuPedSim, which simulates: install"):
         bpy.ops.crowd_lod.simulate()
+    with pytest.raises(CrowdError, match="lacks JuPedSim, which simulates: install .*machine\\.$"):
+        finished(simulate_scene(hall))
 
 
 def test_command_writes_a_scene_that_follows_the_trajectories_beside_it(hall, tmp_path):

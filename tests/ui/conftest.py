@@ -7,6 +7,7 @@ without it one is built. CROWD_LOD_PICTURES is the folder that keeps results and
 
 import json
 import os
+import platform
 import shutil
 import subprocess
 import sys
@@ -36,7 +37,9 @@ def archive(tmp_path_factory):
         return Path(os.environ["CROWD_LOD_ZIP"]).resolve()
     folder = tmp_path_factory.mktemp("zip")
     subprocess.run([sys.executable, HERE.parents[1] / "package.py", "--out", folder], check=True)
-    return next(folder.glob("*.zip"))
+    system = {"linux": "linux", "darwin": "macos", "win32": "windows"}[sys.platform]
+    processor = "arm64" if platform.machine() in ("arm64", "aarch64") else "x64"
+    return next(folder.glob(f"*-{system}_{processor}.zip"))
 
 
 @pytest.fixture(scope="session")

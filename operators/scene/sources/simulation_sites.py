@@ -1,8 +1,11 @@
 """Where the people of a simulation start and where they go to, on each part of the ground."""
 
+import platform
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
+from importlib.util import find_spec
 from math import sqrt
 from typing import Any
 
@@ -22,15 +25,26 @@ MOST_DOORS = 2000  # places that people come in at, about
 TRIES = 20  # places that are tried for each person who comes in, before it waits
 
 
+def lacking() -> str:
+    """Return a sentence on why people cannot be simulated in this Python; "" where they can."""
+    if all(find_spec(name) is not None for name in ("jupedsim", "shapely")):
+        return ""
+    if sys.platform == "linux" and platform.machine() == "aarch64":
+        return (
+            "JuPedSim, which simulates, does not exist for Linux on ARM: simulate on another "
+            "machine, and open the file here"
+        )
+    return (
+        f"This Blender's Python {sys.version_info[0]}.{sys.version_info[1]} lacks JuPedSim, which "
+        f"simulates: install the extension from the zip for this machine"
+    )
+
+
 def load(name: str) -> Any:
     """Return the module `name`; CrowdError where it is missing."""
-    try:
-        return import_module(name)
-    except ImportError as error:
-        raise CrowdError(
-            f"Simulate needs JuPedSim, and this Blender's Python lacks it ({error}): install the "
-            "extension from the zip for this machine."
-        ) from None
+    if said := lacking():
+        raise CrowdError(f"{said}.")
+    return import_module(name)
 
 
 @dataclass(frozen=True)
