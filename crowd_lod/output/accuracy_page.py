@@ -1,6 +1,6 @@
 """The page of error against run time: verdicts, each with its plots and its numbers."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -44,14 +44,14 @@ class Plot:
     """A plot of what ways take, and how wrong they are.
 
     line: the column that tells which points belong together.
-    label: the text beside a point; "" for none.
+    label: the text beside a point, of the columns in braces.
     foretold: columns of a point's predicted x and y; None for none.
     """
 
     line: str
     x: PlotAxis
     y: PlotAxis
-    label: Callable[[Row], str]
+    label: str
     foretold: tuple[str, str] | None = None
 
 
@@ -74,52 +74,31 @@ class Section:
     @property
     def panels(self) -> list[svg.Panel]:
         """The plots that there are points for, drawn."""
-        known = {
-            plot: [row for row in self.rows if None not in (row[plot.x.column], row[plot.y.column])]
-            for plot in self.plots
-        }
-        return [_panel(plot, rows) for plot, rows in known.items() if rows]
+        panels = []
+        for plot in self.plots:
+            x, y = plot.x.column, plot.y.column
+            known = [row for row in self.rows if None not in (row[x], row[y])]
+            panels += [_panel(plot, known)] if known else []
+        return panels
 
 
 def _panel(plot: Plot, rows: Sequence[Row]) -> svg.Panel:
     """Return a plot of rows; the default is marked by a star."""
-    x_name, y_name, bottom = plot.x.column, plot.y.column, plot.y.floor
-    ends = f"{x_name}_least", f"{x_name}_most"
     series, foretold, stars = [], [], []
     for number, name in enumerate(dict.fromkeys(row[plot.line] for row in rows)):
-        floor = bottom * LOWER**number
-        look = COLORS[number % len(COLORS)], SHAPES[number % len(SHAPES)]
         own = [row for row in rows if row[plot.line] == name]
-        points = _points(own, x_name, y_name, floor)
-        stars += [point for row, point in zip(own, points, strict=True) if row["default"]]
-        spread = [[row[end] for end in ends if end in row] for row in own]
-        series.append(
-            svg.Series(
-                name,
-                points,
-                look[0],
-                shape=look[1],
-                line=len(own) > 1,
-                spread=np.array(spread) if spread[0] else None,
-                tails=_points(own, x_name, plot.y.tail or y_name, floor)[:, 1],
-                labels=[plot.label(row) for row in own],
-            )
-        )
+        look = COLORS[number % len(COLORS)], SHAPES[number % len(SHAPES)]
+        floor = plot.y.floor * LOWER**number
+        series.append(_line(plot, own, floor, look))
+        stars += [_point(plot, row, floor) for row in own if row["default"]]
         if plot.foretold is not None:
-            there = [row for row in own if row[plot.foretold[0]] is not None]
-            points = _points(there, *plot.foretold, floor)
-            foretold.append(svg.Series("predicted", points, *look, hollow=True, line=False))
-    star = svg.Series(
-        "default", np.array(stars).reshape(-1, 2), "#000000", "star", hollow=True, line=False
-    )
-    drawn = [*series, *foretold, *[star][: len(stars)]]
-    shown = np.concatenate([row.values for row in drawn])
-    low, high = shown.min(axis=0), shown.max(axis=0)
-    x = svg.across(plot.x.title, low[0] / 1.4, high[0] * 1.8, log=True)
-    least = min([low[1], bottom, *(row.tails.min() for row in series if row.tails is not None)])
-    most = max(high[1], 3 * bottom)
-    y = svg.up(plot.y.title, most * 1.5, least / 1.5, log=True, height=HEIGHT)
-    marks = [svg.level(x, y, bottom, plot.y.says)]
+            takes, off = plot.foretold
+            points = [(row[takes], max(row[off], floor)) for row in own if row[takes] is not None]
+            foretold.append(svg.Series("predicted", _array(points), *look, hollow=True, line=False))
+    star = svg.Series("default", _array(stars), "#000000", "star", hollow=True, line=False)
+    drawn = [*series, *foretold, star]
+    x, y = _axes(plot, drawn)
+    marks = [svg.level(x, y, plot.y.floor, plot.y.says)]
     marks.append(svg.curves(x, y, [row for row in drawn if row.line]))
     taken: list[tuple[float, float]] = []
     for row in drawn:
@@ -127,14 +106,43 @@ def _panel(plot: Plot, rows: Sequence[Row]) -> svg.Panel:
         marks.append(svg.bars(x, y, row))
         marks.append(svg.mark(x, y, row, row.shape, says))
         marks.append(svg.labels(x, y, row, taken))
-    legend = [*series, *foretold[:1], *[star][: len(stars)]]
+    legend = [*series, *foretold[:1], star]
     return svg.Panel(svg.plot(plot.y.title, x, y, "\n".join(marks)), HEIGHT, legend)
 
 
-def _points(rows: Sequence[Row], x: str, y: str, floor: float) -> np.ndarray:
-    """Return the points (m, 2) of the rows; those below the floor lie on it."""
-    points = [(row[x], max(row[y], floor)) for row in rows]
+def _line(plot: Plot, rows: Sequence[Row], floor: float, look: tuple[str, str]) -> svg.Series:
+    """Return the points that belong together, with what is known around them."""
+    least, most = (f"{plot.x.column}_{end}" for end in ("least", "most"))
+    spread = [(row[least], row[most]) for row in rows if least in row]
+    tails = [max(row[plot.y.tail or plot.y.column], floor) for row in rows]
+    return svg.Series(
+        rows[0][plot.line],
+        _array([_point(plot, row, floor) for row in rows]),
+        *look,
+        line=len(rows) > 1,
+        spread=_array(spread) if spread else None,
+        tails=np.array(tails, np.float64),
+        labels=[plot.label.format_map(row) for row in rows],
+    )
+
+
+def _point(plot: Plot, row: Row, floor: float) -> tuple[float, float]:
+    """Return the point of a row; one below the floor lies on it."""
+    return row[plot.x.column], max(row[plot.y.column], floor)
+
+
+def _array(points: Sequence[tuple[float, float]]) -> np.ndarray:
     return np.array(points, np.float64).reshape(-1, 2)
+
+
+def _axes(plot: Plot, drawn: Sequence[svg.Series]) -> tuple[svg.Scale, svg.Scale]:
+    """Return the axes, by factors, that hold all points and their tails."""
+    shown = np.concatenate([row.values for row in drawn])
+    tails = np.concatenate([row.tails for row in drawn if row.tails is not None])
+    low, high = shown.min(axis=0), shown.max(axis=0)
+    x = svg.across(plot.x.title, low[0] / 1.4, high[0] * 1.8, log=True)
+    least, most = min(low[1], tails.min()), max(high[1], 3 * plot.y.floor)
+    return x, svg.up(plot.y.title, most * 1.5, least / 1.5, log=True, height=HEIGHT)
 
 
 def write_page(folder: Path, title: str, caption: str, sections: Sequence[Section]) -> list[str]:

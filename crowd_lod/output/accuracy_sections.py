@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from ..format import counted
 from ..validation.behavior_errors import APART, LISTING, Sensitivity
 from ..validation.culling_errors import FRAMES, RADAR
-from . import svg_plots as svg
 from .accuracy_page import Plot, PlotAxis, Row, Section
 
 SAMPLED = 0.7  # pixels that an outline is known to, at two samples a pixel
@@ -17,43 +16,33 @@ TOLERANCE = "by tolerance"
 
 _SECONDS = PlotAxis("cpu_s", "processor seconds of a frame")
 _MEMORY = PlotAxis("peak_mb", "peak memory, MB")
-_OUTLINES = PlotAxis(
-    "worst_px", "outlines are off by, px", SAMPLED, "0.7 px: less cannot be measured", "p99_px"
-)
+_UNKNOWN = "0.7 px: less cannot be measured (spread out below)"
+_OUTLINES = PlotAxis("worst_px", "outlines are off by, px", SAMPLED, _UNKNOWN, "p99_px")
 _COLORS = PlotAxis(
     "colors_worst", "colors are off by, of 1", 0.01, "0.01: hardly visible", "colors_p99"
 )
 _PLACES = PlotAxis(
     "worst_m", "meters from the exact place", ROUNDED, "a micrometer: rounding", "p99_m"
 )
-
-
-def _way(row: Row) -> str:
-    return row["way"]
-
-
-def _rate(row: Row) -> str:
-    return "" if row["default"] else f"{row['steps_a_second']}"
-
-
-def _crowd(row: Row) -> str:
-    return svg.short(row["agents"]) if row["default"] else ""
-
-
 LOD_PLOTS = (
-    Plot("kind", _SECONDS, _OUTLINES, _way, ("predicted_s", "predicted_px")),
-    Plot("kind", _MEMORY, _OUTLINES, _way, ("predicted_mb", "predicted_px")),
-    Plot("kind", _SECONDS, _COLORS, _way),
+    Plot("kind", _SECONDS, _OUTLINES, "{way}", ("predicted_s", "predicted_px")),
+    Plot("kind", _MEMORY, _OUTLINES, "{way}", ("predicted_mb", "predicted_px")),
+    Plot("kind", _SECONDS, _COLORS, "{way}"),
 )
 BEHAVIOR_PLOTS = (
-    Plot("way", PlotAxis("cpu_ms", "processor ms for a second of the scene"), _PLACES, _rate),
+    Plot(
+        "way",
+        PlotAxis("cpu_ms", "processor ms for a second of the scene"),
+        _PLACES,
+        "{steps_a_second}",
+    ),
 )
 CULLING_PLOTS = tuple(
     Plot(
         "way",
         PlotAxis("cpu_ms", "processor ms of a frame"),
         PlotAxis(column, title, 0.1, "none (spread out below)"),
-        _crowd,
+        "",
     )
     for column, title in (
         ("missed", "visible agents that are missed"),
@@ -187,11 +176,12 @@ def _meters(length: float) -> str:
 
 def culling_section(rows: Sequence[Row]) -> Section:
     """Return the section on culling and LODs of a frame."""
+    crowds = ", ".join(f"{count:,}" for count in dict.fromkeys(row["agents"] for row in rows))
     means = (
         "Error: agents whose bounding sphere the camera's planes touch and who are not drawn "
         "(missed), those drawn outside the view, and those in a wrong LOD; exact rationals decide. "
         "What frames draw outside the view is for the pixel filter, blur, and the renderer's "
-        "rounding. Lines lead from crowd to crowd."
+        f"rounding. Lines lead from crowd to crowd: {crowds} agents."
     )
     title = "Culling and LODs of a frame"
     plots = CULLING_PLOTS[: 2 + any(row["lods_off"] for row in rows)]

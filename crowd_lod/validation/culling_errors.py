@@ -158,7 +158,8 @@ def compare_culling(
     """
     for count in counts:
         crowd = replayed(trajectory, first, count)
-        views = [_view(crowd, number, each, policy) for number, each in enumerate(cameras)]
+        frames = zip(crowd.crowds, cameras, strict=True)
+        views = [_view(crowd, each, camera, policy) for each, camera in frames]
         ways: dict[str, Callable[[], list]] = {
             name: partial(_all, way, views) for name, way in _ways(cameras[0]).items()
         }
@@ -189,12 +190,11 @@ def _wrong(found: Found | Frame, truth: Found, view: FrameToCull) -> tuple[int, 
     return tuple(int(each.sum()) for each in sets)
 
 
-def _view(crowd: Replayed, number: int, camera: Camera, policy: LevelPolicy) -> FrameToCull:
-    spheres = crowd.spheres
+def _view(of: Trajectory, crowd: Crowd, camera: Camera, policy: LevelPolicy) -> FrameToCull:
+    spheres = of.spheres
     bare = replace(camera, pad=0.0, turn=0.0, filtered=0.0, cone=np.pi, rays=False)
-    found = deviations(crowd.groups, policy)
-    begin = threshold_distances(policy, camera, spheres.radius, found)
-    return FrameToCull(crowd.crowds[number], bare, spheres.center, spheres.reach, begin)
+    begin = threshold_distances(policy, camera, spheres.radius, deviations(of.groups, policy))
+    return FrameToCull(crowd, bare, spheres.center, spheres.reach, begin)
 
 
 def _ways(camera: Camera) -> dict[str, Way]:
@@ -300,10 +300,7 @@ def leave_outs(
     """
     plan(trajectory, camera, policy, frame)
     planned = plan(trajectory, camera, policy, frame)
-    spheres = trajectory.spheres
-    view = FrameToCull(
-        planned.crowd, planned.camera, spheres.center, spheres.reach, planned.thresholds
-    )
+    view = _view(trajectory, planned.crowd, camera, policy)
     again = partial(plan, trajectory, camera, policy, frame)
     every = partial(_by_radar, view, policy.margin)
     steps = partial(_step_all, trajectory)

@@ -154,8 +154,8 @@ class ExactAgent:
                 self.ending = ARRIVED
                 return
             if self.wait is not None and self.wait <= 0:
-                then, choice = machine.then[self.state], machine.then_choice[self.state]
-                self._enter(self._draw(then, choice, random_streams.THEN))
+                certain, choice = machine.then[self.state], machine.then_choice[self.state]
+                self._enter(self._draw(certain, choice, random_streams.THEN))
             condition = self.place, self.cell, self.state, self.mirror, self.wait, int(self.key[0])
             if condition in rest_before:
                 # All that determines its way is as before, so the same round repeats.
@@ -176,26 +176,24 @@ class ExactAgent:
         label = self._label()
         velocity = self._velocity(label)
         rule = self.state, label
-        choice = machine.next_choice[rule]
-        following = self._draw(machine.next_state[rule], choice, random_streams.STATE)
+        certain, choice = machine.next_state[rule], machine.next_choice[rule]
+        following = self._draw(certain, choice, random_streams.STATE)
         changed = following != self.state
         if changed:
             self.mirror = 0
             self._enter(following)
         span = rest if self.wait is None else min(rest, self.wait)
-        border = self._next_border(velocity)
-        if limit and changed:
+        reads_again = limit and changed
+        if reads_again:
             span = Fraction(0)
-            crosses = border is not None and border.seconds == 0
-        else:
-            crosses = border is not None and border.seconds < span
-        if border is not None and crosses:
-            span = border.seconds
-        self._walk(velocity, span)
-        if border is not None and crosses:
+        border = self._next_border(velocity)
+        if border is not None and (border.seconds < span or (reads_again and border.seconds == 0)):
+            self._walk(velocity, border.seconds)
             self._cross(border)
             if self._label() != label:
                 self._next_event()
+            return border.seconds
+        self._walk(velocity, span)
         return span
 
     def _walk(self, velocity: tuple[Fraction, ...], seconds: Fraction) -> None:

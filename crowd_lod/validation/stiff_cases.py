@@ -163,36 +163,35 @@ def cases() -> list[StiffCase]:
             "b": {"after": 0.001, "then": "a", "on": {"*": {"move": [1, -0.5]}}},
         }
     )
-    AtCorner = partial(StiffCase, world=checks, bound=STANDS, corner=(3.0, 3.0))
+    at_corner = partial(StiffCase, world=checks, bound=STANDS, corner=(3.0, 3.0))
     far, tiny = room(offset=1e8), room(cell=1e-6)
     reflected = turning(1440.0, 961.0, edge="reflect")
     small, large = (turning(size * ASLANT[0], size * ASLANT[1]) for size in (1e-3, 1e3))
-    Case = StiffCase
     return [
-        Case("chatter: to and fro over a border", pair, to_and_fro),
-        Case("chatter: another state at each step", stripes, by_turns),
-        AtCorner("walls touch at a corner", machine=aslant, steps=8),
-        AtCorner("the same, 100 cells a step", machine=fast, steps=4),
-        AtCorner("the same, back another way", machine=another_way, count=FEW, steps=4),
-        AtCorner("the same, turns by chance", machine=by_chance, count=FEW, steps=4),
-        Case("60,000 cells a step", hall, turning(60_000 / FRAME, 0.0), FEW, steps=2),
-        Case("1,000,000 cells a step", hall, turning(1e6 / FRAME, 0.0), FEW),
-        Case("60 cells a step, reflected", field, reflected, FEW, steps=4),
-        Case("1e8 m from the origin", far, aslant),
-        Case("1e8 m from the origin, steps of 1e-9 s", far, aslant, FEW, 1e-9, 100),
-        Case("steps of 1e-9 s", hall, aslant, FEW, 1e-9, 100),
-        Case("a step of an hour", hall, aslant, FEW, 3600.0, 1),
-        Case("cells of 1e-6 m", tiny, aslant, FEW, FRAME / 8, 4),
-        Case("timers of 0.001 s", field, ticks, FEW, steps=4, wait=0.001),
-        Case("timers of 0.001 s, steps of 0.5 s", field, ticks, FEW, 0.5, 2, 2.0, wait=0.001),
-        Case("a map of one row, wrapped", row, going(3.0, 0.4, "wrap")),
-        Case("speeds of 1e-300 m/s", hall, going(1e-300, -1e-300)),
-        Case("a map a step", row, going(SIZE / FRAME, 0.0, "wrap")),
-        Case("first frame -1e6", hall, aslant, first=-1_000_000),
-        Case("unit scale 0.001", room(cell=1e-3), small),
-        Case("unit scale 1000", room(cell=1e3), large),
+        StiffCase("chatter: to and fro over a border", pair, to_and_fro),
+        StiffCase("chatter: another state at each step", stripes, by_turns),
+        at_corner("walls touch at a corner", machine=aslant, steps=8),
+        at_corner("the same, 100 cells a step", machine=fast, steps=4),
+        at_corner("the same, back another way", machine=another_way, count=FEW, steps=4),
+        at_corner("the same, turns by chance", machine=by_chance, count=FEW, steps=4),
+        StiffCase("60,000 cells a step", hall, turning(60_000 / FRAME, 0.0), FEW, steps=2),
+        StiffCase("1,000,000 cells a step", hall, turning(1e6 / FRAME, 0.0), FEW),
+        StiffCase("60 cells a step, reflected", field, reflected, FEW, steps=4),
+        StiffCase("1e8 m from the origin", far, aslant),
+        StiffCase("1e8 m from the origin, steps of 1e-9 s", far, aslant, FEW, 1e-9, 100),
+        StiffCase("steps of 1e-9 s", hall, aslant, FEW, 1e-9, 100),
+        StiffCase("a step of an hour", hall, aslant, FEW, 3600.0, 1),
+        StiffCase("cells of 1e-6 m", tiny, aslant, FEW, FRAME / 8, 4),
+        StiffCase("timers of 0.001 s", field, ticks, FEW, steps=4, wait=0.001),
+        StiffCase("timers of 0.001 s, steps of 0.5 s", field, ticks, FEW, 0.5, 2, 2.0, wait=0.001),
+        StiffCase("a map of one row, wrapped", row, going(3.0, 0.4, "wrap")),
+        StiffCase("speeds of 1e-300 m/s", hall, going(1e-300, -1e-300)),
+        StiffCase("a map a step", row, going(SIZE / FRAME, 0.0, "wrap")),
+        StiffCase("first frame -1e6", hall, aslant, first=-1_000_000),
+        StiffCase("unit scale 0.001", room(cell=1e-3), small),
+        StiffCase("unit scale 1000", room(cell=1e3), large),
         *(
-            Case(f"three agents at {value} in {'xy'[axis]}", hall, aslant, lost=(axis, value))
+            StiffCase(f"three agents at {value} in {'xy'[axis]}", hall, aslant, lost=(axis, value))
             for axis, value in product(range(2), (np.nan, np.inf))
         ),
     ]

@@ -17,7 +17,6 @@ import numpy as np
 from ...crowd_lod import __version__
 from ...crowd_lod.progress import LOOK
 
-PATIENCE = 2.0  # seconds that a command gets to end
 PROGRESS = re.compile(rb": (\d+)%")  # in what a command prints
 
 
@@ -31,11 +30,15 @@ def launcher() -> list[str]:
     )
 
 
-def expression(code: str) -> list[str]:
-    """Return the words that run `code` in a Blender without a window, as it comes."""
+def told_by(code: str) -> str | None:
+    """Return what `code` prints in a Blender without a window, as it comes; None if that fails."""
+    command = _python(code)
     if bpy.app.binary_path:
-        return [bpy.app.binary_path, "--background", "--factory-startup", "--python-expr", code]
-    return _python(code)
+        words = "--background", "--factory-startup", "--python-expr", code
+        command = [bpy.app.binary_path, *words]
+    nowhere = subprocess.DEVNULL
+    told = subprocess.run(command, stdin=nowhere, capture_output=True, text=True, errors="replace")
+    return None if told.returncode else told.stdout
 
 
 def script(path: Path, *words: str) -> list[str]:
@@ -53,13 +56,15 @@ def _python(code: str) -> list[str]:
     return [sys.executable, "-c", code]
 
 
-def run_process(command: Sequence[str], log: Path) -> Generator[float, None, tuple[int, str]]:
+def run_process(
+    command: Sequence[str], log: Path, patience: float = 0.0
+) -> Generator[float, None, tuple[int, str]]:
     """Run a command in a process of its own, which ends with the steps; yields its progress.
 
-    It ends as by Ctrl-C, so that it ends what it has started. Returns its status, and the last line
-    that it printed.
+    Returns its status, and the last line that it printed.
 
     log: the file for what it prints. Its temporary files lie beside that, and go with the folder.
+    patience: seconds that it gets, as after Ctrl-C, to end what it has started.
     """
     environment = os.environ | dict.fromkeys(("TMPDIR", "TEMP"), str(log.parent))
     nowhere = subprocess.DEVNULL
@@ -73,10 +78,10 @@ def run_process(command: Sequence[str], log: Path) -> Generator[float, None, tup
                 progress = max(progress, int(percent) / 100)
             yield progress
     finally:
-        if process.poll() is None and sys.platform != "win32":
+        if patience and process.poll() is None and sys.platform != "win32":
             process.send_signal(signal.SIGINT)
             with contextlib.suppress(subprocess.TimeoutExpired):
-                process.wait(PATIENCE)
+                process.wait(patience)
         process.kill()
         process.wait()
     return process.returncode, log.read_text(errors="replace").strip().rpartition("\n")[2]

@@ -1,6 +1,5 @@
 """The playblast: the scene in solid shading, with the overlay drawn over it; and its operator."""
 
-import subprocess
 from collections.abc import Generator, Iterator
 from contextlib import ExitStack, contextmanager
 from functools import partial
@@ -15,7 +14,7 @@ from ...crowd_lod.output.file_checks import save_png
 from ..blender import cameras, console, image_data
 from ..blender.callbacks import guard
 from ..blender.colors import to_linear
-from ..blender.machine import expression
+from ..blender.machine import told_by
 from ..blender.operator import Stepwise
 from ..scene.scene_crowd import SceneCrowd
 from ..settings import needs
@@ -282,9 +281,7 @@ def need_gpu() -> None:
             f"later for the engine overlay, "
             "or another engine."
         )
-    nowhere = subprocess.DEVNULL
-    command = expression("import bpy, gpu; gpu.init()")
-    if subprocess.call(command, stdin=nowhere, stdout=nowhere, stderr=nowhere):
+    if told_by("import bpy, gpu; gpu.init()") is None:
         raise CrowdError(
             "The engine overlay needs OpenGL or Vulkan, and no driver for either starts here: "
             "install one (Mesa works without "

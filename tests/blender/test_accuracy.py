@@ -2,6 +2,8 @@
 
 import csv
 import json
+import os
+import sys
 from html import escape
 
 import bpy
@@ -9,6 +11,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.operators.blender.machine import run_process
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.deliver.accuracy import ways
 from crowd_lod_extension.operators.deliver.accuracy.accuracy import measure
@@ -135,6 +138,19 @@ def test_the_report_measures_and_concludes(tolerant, tmp_path, capfd):
     assert {float(row["missed"]) for row in csv.DictReader(text[1:]) if row["default"] == "1"} == {
         0
     }
+
+
+def test_a_process_tells_its_progress_and_ends_with_the_steps(tmp_path):
+    code = "import os, time; print(os.getpid(), 'it: 39%', flush=True); time.sleep(60)"
+    steps = run_process([sys.executable, "-c", code], tmp_path / "log", patience=5.0)
+    while next(steps) < 0.39:
+        pass
+    steps.close()
+    with pytest.raises(ProcessLookupError):
+        os.kill(int((tmp_path / "log").read_text().split()[0]), 0)
+    code = "print('it: 9%'); raise SystemExit('why')"
+    failing = run_process([sys.executable, "-c", code], tmp_path / "log")
+    assert finished(failing) == (1, "why")
 
 
 def test_the_folder_is_named_after_the_file(levelled, tmp_path, monkeypatch, capfd):

@@ -1,7 +1,6 @@
 """Error against run time of a scene: what is measured, and the page; and its button."""
 
 from collections.abc import Generator, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +13,17 @@ from ....crowd_lod.errors import CrowdError
 from ....crowd_lod.format import counted
 from ....crowd_lod.frame.frame_range import shot_frames, spread_evenly
 from ....crowd_lod.frame.index_cache import approach
-from ....crowd_lod.output import accuracy_sections, files
+from ....crowd_lod.output import files
 from ....crowd_lod.output.accuracy_page import Section, write_page
-from ....crowd_lod.progress import Workload, run_in_thread
-from ....crowd_lod.validation import behavior_errors, culling_errors
+from ....crowd_lod.output.accuracy_sections import (
+    behavior_section,
+    culling_section,
+    left_out_section,
+    lod_section,
+)
+from ....crowd_lod.progress import Workload, run_steps_in_thread
+from ....crowd_lod.validation.behavior_errors import compare_behavior, sensitivity
+from ....crowd_lod.validation.culling_errors import SPAN, compare_culling, leave_outs
 from ...blender import cameras, console, evaluation, scene_data
 from ...blender.machine import launcher, machine_name, run_process
 from ...blender.operator import Stepwise
@@ -31,6 +37,7 @@ from .builds import make_builds
 from .renders import choose_engine, lod_rows, measure_renders
 from .ways import QUICK, THOROUGH, Effort, ways_of
 
+PATIENCE = 2.0  # seconds that the command gets to end its renders
 UNMOVED = "These agents follow recorded motion: there is no error of behavior to measure."
 # parts of the work: making LODs, judging single frames, builds, renders
 LODS, FRAMES_ALONE, BUILDS, RENDERS = 20, 20, 30, 30
@@ -56,7 +63,7 @@ def measure(
         engine_note = choose_engine(scene)
         shot = scene_data.frames_of(scene)
         middle = shot[len(shot) // 2]
-        span = range(middle, middle + culling_errors.SPAN)
+        span = range(middle, middle + SPAN)
         sections = yield from work.take(_judge_frames(scene, span, effort), LODS + FRAMES_ALONE)
         frames = [middle] if effort.frames == 1 else spread_evenly(shot, effort.frames)
         ways = ways_of(scene.crowd_lod, effort)
@@ -66,7 +73,7 @@ def measure(
         builds = yield from work.take(make_builds(base, ways, frames, effort), BUILDS)
         yield from work.take(measure_renders(builds, frames, effort.repeats), RENDERS)
         pictures = _pictures_in_words(frames, effort, engine_note)
-        sections.insert(0, accuracy_sections.lod_section(lod_rows(builds, frames), pictures))
+        sections.insert(0, lod_section(lod_rows(builds, frames), pictures))
         machine = machine_name()
         names = write_page(stage, title, machine, sections)
     yield 1.0
@@ -94,41 +101,34 @@ def _judge_frames(
         around = lights.read_moment(scene, span[0], at).around
     for frame in span:
         yield from work.take(approach(crowd.trajectory, frame))
-    shot = scene_data.frames_of(scene)
-    length = min(shot[-1] - shot[0], effort.length) or 1
-    judging = (
-        partial(_judge_behavior, crowd, length, effort),
-        partial(_judge_culling, crowd, films, span, effort),
-        partial(_judge_left_out, crowd, films[0], span[0], around.left_out, effort),
-    )
-    sections = []
-    for judge in judging:
-        section = yield from work.take(run_in_thread(judge), FRAMES_ALONE / len(judging))
-        sections.append(section)
-    return sections
+    judging = _sections(crowd, films, span, scene_data.frames_of(scene), around.left_out, effort)
+    return (yield from work.take(run_steps_in_thread(judging), FRAMES_ALONE))
 
 
-def _judge_behavior(crowd: SceneCrowd, length: int, effort: Effort) -> Section:
-    walks = [walk for walk in walks_of(crowd.trajectory) if not (walk.seated or walk.still)]
-    if not walks:
-        return Section("behavior", "Behavior", "", UNMOVED)
-    rows = behavior_errors.compare_behavior(walks, length, effort.runs, effort.rates)
-    found = behavior_errors.sensitivity(walks, length)
-    return accuracy_sections.behavior_section(list(rows), found)
+def _sections(
+    crowd: SceneCrowd,
+    films: Sequence[Camera],
+    span: range,
+    shot: Sequence[int],
+    left_out: Sequence[LeftOut],
+    effort: Effort,
+) -> Generator[float, None, list[Section]]:
+    """Return the sections; yields the progress.
 
-
-def _judge_culling(
-    crowd: SceneCrowd, films: Sequence[Camera], span: range, effort: Effort
-) -> Section:
-    given = crowd.trajectory, films, crowd.policy, span[0], effort.counts, effort.runs
-    return accuracy_sections.culling_section(list(culling_errors.compare_culling(*given)))
-
-
-def _judge_left_out(
-    crowd: SceneCrowd, film: Camera, frame: int, beside: Sequence[LeftOut], effort: Effort
-) -> Section:
-    given = crowd.trajectory, film, crowd.policy, frame, beside, effort.runs
-    return accuracy_sections.left_out_section(list(culling_errors.leave_outs(*given)))
+    films: at the frames of the span. left_out: by the surroundings of the first of them.
+    """
+    trajectory, policy, runs = crowd.trajectory, crowd.policy, effort.runs
+    walks = [walk for walk in walks_of(trajectory) if not (walk.seated or walk.still)]
+    behavior = Section("behavior", "Behavior", "", UNMOVED)
+    if walks:
+        length = min(shot[-1] - shot[0], effort.length) or 1
+        moved = list(compare_behavior(walks, length, runs, effort.rates))
+        behavior = behavior_section(moved, sensitivity(walks, length))
+    yield 0.4
+    culled = list(compare_culling(trajectory, films, policy, span[0], effort.counts, runs))
+    yield 0.9
+    skipped = list(leave_outs(trajectory, films[0], policy, span[0], left_out, runs))
+    return [behavior, culling_section(culled), left_out_section(skipped)]
 
 
 def _pictures_in_words(frames: Sequence[int], effort: Effort, engine_note: str) -> str:
@@ -159,7 +159,8 @@ class CROWDLOD_OT_report_error(Stepwise, bpy.types.Operator):
             with console.quiet():
                 bpy.ops.wm.save_as_mainfile(filepath=str(copy), copy=True)
             words = "report", "error", str(copy), "--quick", "--out", str(folder)
-            status, last = yield from run_process([*launcher(), *words], scratch / "log")
+            command = [*launcher(), *words]
+            status, last = yield from run_process(command, scratch / "log", PATIENCE)
         if status:
             raise CrowdError(last.removeprefix("crowd-lod: "))
         return f"The report is in {place_of(folder)}."

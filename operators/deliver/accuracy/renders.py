@@ -1,7 +1,6 @@
 """What renders of the builds take, each in a Blender of its own, in turn; and the table of it."""
 
 import json
-import subprocess
 from collections.abc import Generator, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from ....crowd_lod.errors import CrowdError
 from ....crowd_lod.progress import Workload
 from ....crowd_lod.validation import color_patches
 from ...blender import image_data, removal
-from ...blender.machine import expression, run_process, script
+from ...blender.machine import run_process, script, told_by
 from .builds import Build
 from .ways import CULLED, EVERYONE, NOBODY
 
@@ -29,20 +28,13 @@ def choose_engine(scene: bpy.types.Scene) -> str:
 
     The note is a sentence, "" where the scene keeps its engine.
     """
-    if scene.render.engine == "CYCLES" or _has_gpu():
+    kind = "import bpy, gpu; gpu.init(); print(gpu.platform.device_type_get())"
+    if scene.render.engine == "CYCLES" or not GPUS.isdisjoint((told_by(kind) or "").split()):
         return ""
     own = scene.render.engine.removeprefix("BLENDER_").removesuffix("_NEXT").capitalize()
     scene.render.engine = "CYCLES"
     scene.cycles.device = "CPU"
     return f"{own} needs a GPU, and there is none here: Cycles renders in its place."
-
-
-def _has_gpu() -> bool:
-    """Return whether a Blender without a window finds a GPU."""
-    code = "import bpy, gpu; gpu.init(); print(gpu.platform.device_type_get())"
-    nowhere = subprocess.DEVNULL
-    told = subprocess.run(expression(code), stdin=nowhere, capture_output=True, text=True)
-    return told.returncode == 0 and not GPUS.isdisjoint(told.stdout.split())
 
 
 def measure_renders(

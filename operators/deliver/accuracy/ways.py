@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ....crowd_lod.levels.assignment import LEAST_GAP, deviations
+from ....crowd_lod.levels.assignment import deviations, pushed
 from ....crowd_lod.output.accuracy_sections import EVERYONE, NOBODY, TOLERANCE
 from ....crowd_lod.validation.behavior_errors import RATES
 from ....crowd_lod.validation.timing import FEWEST
@@ -32,8 +32,8 @@ class Effort:
 
     frames: int = 3
     repeats: int = 3
-    width: int = 960
-    samples: int = 16
+    width: int = 640
+    samples: int = 8
     tolerances: tuple[float, ...] = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
     plans: bool = True
     length: int = 120
@@ -107,13 +107,10 @@ def _lods_made(settings) -> int:
 def at_thirds(count: int) -> np.ndarray:
     """Return thresholds (count - 1,) by which the first, the middle and the last LOD take a third.
 
-    The LODs between them get next to nothing, LEAST_GAP each.
+    The LODs between them get next to nothing.
     """
-    number = np.arange(1, count)
-    is_near = number <= count // 2
-    last = np.where(is_near, count // 2, count - 1)
-    thresholds: np.ndarray = np.where(is_near, 1 / 3, 2 / 3) - LEAST_GAP * (last - number)
-    return thresholds
+    thirds = np.repeat([1 / 3, 2 / 3], [count // 2, count - 1 - count // 2])
+    return pushed(thirds.tolist(), count - 2)
 
 
 def _by_distance(settings, thresholds: np.ndarray) -> None:
