@@ -35,6 +35,8 @@ class Recorded(Trajectory):
         has z. On a terrain an agent stands on the floor that it gets to from the file's z, or else
         from its floor at the row before.
     tilts: whether agents stand square on the slopes of the ground.
+    waiting: the action of who stands, which all groups with agents know; "" for their own, in whose
+        pose they pause.
     """
 
     tracks: Tracks
@@ -46,6 +48,7 @@ class Recorded(Trajectory):
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
     heights: Ground | None = None
     tilts: bool = False
+    waiting: str = ""
     every: int = 16
 
     def __post_init__(self) -> None:
@@ -57,7 +60,9 @@ class Recorded(Trajectory):
         count = len(tracks.ids)
         self.given_phases = np.ones(count, bool) if tracks.phased else None
         key = random_streams.keys_of(self.seed, tracks.ids)
-        self.gaits = gaits_of(self.groups, Paces(tracks.paces, np.zeros((0, 0), np.uint8)), CLASSES)
+        actions = (self.waiting, *[""] * (len(tracks.paces) - 1)) if self.waiting else ()
+        paces = Paces(tracks.paces, np.zeros((0, 0), np.uint8), actions=actions)
+        self.gaits = gaits_of(self.groups, paces, CLASSES, np.unique(self.group))
         self._per_meter = cycles_of(self.groups)[self.group, 0]
         self._begun = random_streams.uniform(key, random_streams.STATE)  # cycles
         ratio = Fraction(self.seconds_per_frame * tracks.rate).limit_denominator(FINEST)
@@ -109,7 +114,7 @@ class Recorded(Trajectory):
         settings = self.first_frame, self.seconds_per_frame, self.seed, self.offset, self.tilts
         digests = {
             "the tracks": self.tracks.digest,
-            "the crowd": repr(settings).encode() + self.group.tobytes(),
+            "the crowd": f"{settings}{self.waiting}".encode() + self.group.tobytes(),
         }
         if isinstance(self.heights, Terrain):
             digests["the terrain"] = self.heights.digest()
@@ -268,6 +273,9 @@ class Recorded(Trajectory):
         if self.tracks.phased:
             cycles = way - self.gaits.rates[self._fixed["group"], pace] * seconds
         else:
-            cycles = self._begun + self._per_meter * (way - (self.tracks.paces * seconds)[pace])
+            walked = self._per_meter * (way - (self.tracks.paces * seconds)[pace])
+            if self.waiting:  # which plays by time
+                walked[pace == 0] = 0
+            cycles = self._begun + walked
         whole = np.rint(cycles * CLASSES).astype(np.int64)
         return whole.astype(np.uint8) % np.uint8(CLASSES)  # of which a byte holds a whole number

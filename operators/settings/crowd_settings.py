@@ -387,6 +387,11 @@ class SimulationSettings:
             ("STRIDE", "Stride", "As fast as the character's action walks; without one as people"),
         ],
     )
+    waiting_action: StringProperty(
+        name="Waiting Action",
+        description="Action that people play while they stand, such as idle; a character's own may "
+        "be called after it, as in idle Woman. Without it they pause in their walk",
+    )
     simulated_seconds: FloatProperty(
         name="Duration",
         default=20,

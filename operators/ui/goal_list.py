@@ -81,7 +81,7 @@ def draw_simulation(layout, context, crowd) -> None:
         active_column(layout, crowd.goal_choice == "SHARES").prop(goal, "share")
     for name in (
         *("goal_choice", "people_a_minute", "walking_speed"),
-        *("spawn_labels", "wall_labels", "obstacles", "simulated_seconds"),
+        *("spawn_labels", "wall_labels", "obstacles", "waiting_action", "simulated_seconds"),
     ):
         layout.prop(crowd, name)
     button(layout, "crowd_lod.simulate", icon="MOD_PHYSICS")

@@ -22,8 +22,10 @@ from crowd_lod_extension.operators.scene.simulate_button import (
 )
 from crowd_lod_extension.operators.scene.sources.simulation_ground import walkable_polygons
 from crowd_lod_extension.operators.settings.crowds import add_crowd
+from crowd_lod_extension.sample_scenes.characters import make_characters
 
 from ..support.cameras import straight
+from ..support.coarse_characters import CAGE
 from ..support.crowds import walker
 
 # of the preset evacuation
@@ -452,3 +454,37 @@ def test_polygons_hold_the_cells_that_hang_together_and_nothing_else():
     inside = shapely.contains_xy(shapely.union(ring, apart), 2 * x - 5, y - 2)
     np.testing.assert_array_equal(inside, cells)
     assert walkable_polygons(world, np.zeros_like(cells), (0, 0)) == []
+
+
+def test_who_waits_stands_in_an_action_of_its_own(scene):
+    people = scene.crowd_lod.characters
+    groups = [bpy.data.collections[name] for name in ("adult", "heavy", "child")]
+    bpy.data.batch_remove(
+        [*(item for group in groups for item in group.objects), *groups, *bpy.data.actions]
+    )
+    make_characters(people, idle=True, finer=CAGE)
+    settings = scene.crowd_lod
+    settings.source = "SIMULATION"
+    settings.count = 12
+    settings.size = (10, 10)
+    settings.simulated_seconds = 12
+    settings.waiting_action = "idle"
+    add_goal(settings.crowds[0], (0, 0), size=3, is_exit=False)
+    assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
+    trajectory = trajectory_of(scene)
+    walking = trajectory.at(1 + 24)
+    waiting = trajectory.at(12 * 24)
+    actions = trajectory.gaits.actions
+    shown = trajectory.gaits.action
+    assert {actions[k] for k in shown[walking.pace[walking.state == 1]]} == {""}
+    stands = np.flatnonzero(waiting.state == 0)
+    assert len(stands) > 8 and {actions[k] for k in shown[waiting.pace[stands]]} == {"idle"}
+    # it plays on by time
+    rate = trajectory.gaits.rates[waiting.group[stands], waiting.pace[stands]]
+    later = trajectory.at(12 * 24 + 0.5)
+    ahead = trajectory.phase(later, 12 * 24 + 0.5) - trajectory.phase(waiting, 12 * 24)
+    np.testing.assert_allclose(ahead[stands] % 1, rate * 0.5 / 24 % 1, atol=1e-5)
+    assert (rate > 0).all()
+    settings.waiting_action = "yawn"  # nobody has it: they pause
+    assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
+    assert trajectory_of(scene).gaits.actions == ("",)

@@ -109,6 +109,9 @@ def test_all_panels_are_drawn_in_the_sidebar_or_where_they_pop_up(window):
     no_characters = ("set", "settings", 0, "characters", None)  # else no sample scenes
     drawn_panels = window.draw([("another view layer",), *opened, no_characters])
     assert drawn_panels == [name for name in knows["panels"] if name not in OF_SIMULATION]
+    sources = [("set", "crowd", n, "source", "SIMULATION") for n in range(3)]
+    goals = [("press", "add_goal"), *(("popover", name) for name in sorted(OF_SIMULATION))]
+    assert {*window.draw([*sources, *goals])} >= OF_SIMULATION
 
 
 def test_drawings_of_a_new_scene_make_no_crowd(window):

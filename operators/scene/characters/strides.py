@@ -53,8 +53,8 @@ def speeds_of(scene: bpy.types.Scene, group: str, action: str) -> Iterator[float
             for s, name in enumerate(machine.actions):
                 if name == action:
                     yield from (np.unique(np.hypot(*machine.velocity[s].T)) * meters).tolist()
-        elif crowd.source == "SIMULATION" and not action:
-            yield WALKING[0]
+        elif crowd.source == "SIMULATION" and action in ("", crowd.waiting_action):
+            yield 0.0 if action else WALKING[0]
         elif crowd.source == "FILE" and not action:
             with suppress(CrowdError):  # where the file is read it is told
                 tracks = tracks_of_crowd(crowd, scene_data.frame_rate(scene))

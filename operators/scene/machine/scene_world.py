@@ -26,6 +26,7 @@ from ....crowd_lod.world.spawn_places import allowed_agents, without_heading
 from ....crowd_lod.world.terrain import Terrain, upward
 from ...blender import image_data, mesh_data, provenance, scene_cache, scene_data
 from ...blender.character_objects import bone_shapes, group_of
+from ...blender.named_actions import find_action
 from ...blender.ownership import OWNED
 from ...settings.crowds import check_stored, crowds_of
 from . import kept_meshes
@@ -54,7 +55,8 @@ def machine_of(crowd) -> machines.StateMachine:
 def actions_named(scene: bpy.types.Scene, group: str) -> tuple[str, ...]:
     """Return the names of the actions that agents of a character group play, in order.
 
-    States name them; the steps of cross-fades are among them.
+    States name them; the steps of cross-fades are among them. So are those in which people of a
+    simulation wait, where the file has them.
 
     They are those of the crowds that have agents of the `group`. CrowdError if a state machine is
     bad.
@@ -63,12 +65,11 @@ def actions_named(scene: bpy.types.Scene, group: str) -> tuple[str, ...]:
         crowd for crowd in crowds_of(scene.crowd_lod) if crowd.machine and crowd.source == "MACHINE"
     ]
     using = [crowd for crowd in crowds if {group, group_of(group)} & (names_in(crowd) or {group})]
-    return tuple(
-        sorted(
-            {name for crowd in using for name in _actions(machine_text(crowd), crowd.machine.name)}
-            - {""}
-        )
-    )
+    names = {name for crowd in using for name in _actions(machine_text(crowd), crowd.machine.name)}
+    for crowd in crowds_of(scene.crowd_lod):
+        if crowd.source == "SIMULATION" and find_action(group, crowd.waiting_action) is not None:
+            names.add(crowd.waiting_action)
+    return tuple(sorted(names - {""}))
 
 
 def names_in(crowd) -> set[str]:

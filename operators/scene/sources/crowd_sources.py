@@ -175,7 +175,18 @@ def _settings_of(crowd) -> tuple:
         tracks_source.file_inputs(crowd) if crowd.source in tracks_source.FOLLOWING else (),
     )
     units = scene_data.meters(crowd.id_data)
-    return text, units, numbers, crowd.tilt, crowd.group_names, crowd.use_crowd, points, *place
+    waiting = crowd.waiting_action
+    return (
+        text,
+        units,
+        numbers,
+        crowd.tilt,
+        crowd.group_names,
+        crowd.use_crowd,
+        points,
+        waiting,
+        *place,
+    )
 
 
 def is_live(crowd) -> bool:
@@ -330,16 +341,26 @@ def _recorded(crowd, groups: tuple[Group, ...], seconds: float) -> Trajectory:
     area = area_of(crowd)
     draw = draw_of(crowd, groups)
     heights = scene_world.terrain_of(crowd, area.z) or heights_of(crowd, area)
+    waiting = _waiting_action(crowd, groups, draw)
     numbers = crowd.seed, crowd.first_frame, tuple(crowd.center), crowd.tilt, seconds
-    key = tracks.digest, area, groups, draw, *numbers
+    key = tracks.digest, area, groups, draw, *numbers, waiting
 
     def make() -> Trajectory:
         lean = widen_for_lean(groups, heights) if crowd.tilt and heights is not None else groups
         group = groups_of_agents(tracks, [group.name for group in groups], draw.groups, crowd.seed)
         place = crowd.first_frame, crowd.seed, tuple(crowd.center)
-        return Recorded(tracks, lean, group, seconds, *place, heights=heights, tilts=crowd.tilt)
+        how = {"heights": heights, "tilts": crowd.tilt, "waiting": waiting}
+        return Recorded(tracks, lean, group, seconds, *place, **how)
 
     return _cached(repr(key).encode() + (b"" if heights is None else heights.digest()), make)
+
+
+def _waiting_action(crowd, groups: tuple[Group, ...], draw: Draw) -> str:
+    """Return the action in which people of a simulation stand; "" unless all their groups have it."""
+    name = crowd.waiting_action
+    if crowd.source != "SIMULATION" or not all(groups[g].knows(name) for g in draw.groups):
+        return ""
+    return name
 
 
 def _start(crowd, machine: StateMachine, world: LabelMap, groups: Draw) -> tuple[Crowd, bool]:
