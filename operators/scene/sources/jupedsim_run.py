@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ....crowd_lod.errors import CrowdError
-from ....crowd_lod.progress import Workload
+from ....crowd_lod.progress import Workload, run_in_thread
 from ....crowd_lod.tracks.rows import Rows
 from ....crowd_lod.tracks.simulated import Facing, nearest_distance
 from .simulation_sites import People, Site, load
@@ -27,7 +27,8 @@ RATE = 1 / (STEP * EVERY)  # rows a second
 # for anew when someone leaves.
 LOOKS = 5
 REACHED = 0.4  # meters from its place in a goal, where a person stops
-PLACING = 0.05  # what placing the people costs, as a part of the run
+# What placing the people costs, and putting their rows together, as parts of the run.
+PLACING, JOINING = 0.05, 0.1
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ def simulate(
     jupedsim = load("jupedsim")
     shapely = load("shapely")
     rows = ceil(seconds * RATE)
-    work = Workload((1 + PLACING) * rows)
+    work = Workload((1 + PLACING + JOINING) * rows)
     try:
         run = _Simulation(jupedsim, [*shapely.get_parts(ground)], crowds)
         for row in range(rows):
@@ -74,7 +75,7 @@ def simulate(
     except RuntimeError as error:
         reason = str(error).strip().partition("\n")[0].rstrip(".")
         raise CrowdError(f"JuPedSim cannot simulate these crowds: {reason}.") from None
-    return run.walked()
+    return (yield from work.take(run_in_thread(run.walked), JOINING * rows))
 
 
 WAITS, WALKS, STAYS, LEFT = range(4)  # what a person does; who waits has not come yet
