@@ -3,7 +3,7 @@
 NumPy's NPZ is the format that Crowd LOD writes itself. Arrays of one length: `id` (whole numbers),
 `frame`, `x`, `y` and `z` (meters); optional `heading` (radians), `phase` (cycles), `group` (whole
 numbers or names). Single values: `fps`, frames a second, and optional `unit`, one of m, cm, mm and
-ft.
+ft, and `until`, the frame up to which the file tells who is there.
 """
 
 import gzip
@@ -22,7 +22,7 @@ from ..format import printable
 from ..npz_file import MOST_BYTES, read_arrays
 from ..progress import check_cancelled
 from . import jupedsim, layout, text
-from .rows import COLUMNS, UNITS, Rows, check_rows, tracks_of
+from .rows import COLUMNS, GREATEST, UNITS, Rows, check_rows, tracks_of
 from .tracks import Tracks
 
 
@@ -31,8 +31,11 @@ def write_npz(path: Path, rows: Rows) -> None:
 
     The caller puts the file in its place (output/files.py). OSError if it cannot be written.
     """
+    numbers = {"fps": np.float64(rows.rate)}
+    if np.isfinite(rows.until):
+        numbers["until"] = np.float64(rows.until)
     with path.open("wb") as file:
-        np.savez(file, fps=np.float64(rows.rate), **rows.columns)  # type: ignore[arg-type]
+        np.savez(file, **numbers, **rows.columns)  # type: ignore[arg-type]
 
 
 def read_npz(path: Path) -> Rows:
@@ -42,19 +45,25 @@ def read_npz(path: Path) -> Rows:
     """
     where = printable(path)
     columns: dict[str, Any] = dict(
-        read_arrays(path, ("id", "frame", "x", "y"), (*COLUMNS, "fps", "unit"))
+        read_arrays(path, ("id", "frame", "x", "y"), (*COLUMNS, "fps", "unit", "until"))
     )
     rate = columns.pop("fps", np.zeros(()))
+    until = columns.pop("until", np.full((), -np.inf))
     unit = str(columns.pop("unit", "m"))
-    if rate.shape not in ((), (1,)) or rate.dtype.kind not in "iuf":
-        raise CrowdError(
-            f"The file {where} has {rate.size} values of fps: give one number, its frames a second."
-        )
+    for name, values in (("fps", rate), ("until", until)):
+        if values.shape not in ((), (1,)) or values.dtype.kind not in "iuf":
+            told = {"fps": "its frames a second", "until": "its last frame"}[name]
+            raise CrowdError(
+                f"The file {where} has {values.size} values of {name}: give one number, {told}."
+            )
     if unit not in UNITS:
         raise CrowdError(
             f"The file {where} has the unit {unit[:40]}: use one of {', '.join(UNITS)}."
         )
-    return Rows(**columns, rate=float(rate.reshape(())), unit=unit, feet=True)
+    last = float(until.reshape(()))
+    if not last <= GREATEST["frame"]:
+        raise CrowdError(f"The file {where} has until {last}: give the number of its last frame.")
+    return Rows(**columns, rate=float(rate.reshape(())), unit=unit, feet=True, until=last)
 
 
 def groups_of_agents(

@@ -41,6 +41,7 @@ class Rows:
     unit: of x, y and z, one of UNITS; "" if the file does not tell.
     notes: sentences on what the reader guessed.
     feet: whether z is known to be of the feet, not of heads.
+    until: the frame up to which the file tells who is there; that of its last row if that is later.
     """
 
     id: np.ndarray
@@ -55,6 +56,7 @@ class Rows:
     unit: str = ""
     notes: tuple[str, ...] = ()
     feet: bool = False
+    until: float = -np.inf
 
     def __len__(self) -> int:
         return len(self.id)
@@ -238,6 +240,7 @@ def tracks_of(rows: Rows, where: str) -> Tracks:
         rows.phase is not None,
         None if rows.group is None else columns["group"][enters],
         _describe_gaps(rows, len(ids), (float(frame.min()), float(frame.max())), crossed, hidden),
+        until=rows.until,
     )
 
 

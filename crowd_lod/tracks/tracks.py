@@ -277,6 +277,7 @@ class Tracks:
     group: (n,) whole numbers or texts, what the file tells of each agent's group, or None.
     note: a sentence on the file.
     meters: in the unit of its lengths, see in_units.
+    until: as in Rows.
     """
 
     ids: np.ndarray
@@ -289,6 +290,7 @@ class Tracks:
     group: np.ndarray | None
     note: str
     meters: float = 1.0
+    until: float = -np.inf
 
     def in_units(self, meters: float) -> "Tracks":
         """Return the same tracks, which are in meters, in units of `meters`."""
@@ -308,7 +310,7 @@ class Tracks:
     @cached_property
     def last(self) -> float:
         """The last frame."""
-        return float(self.samples.frame[self.ends[1]].max())
+        return max(float(self.samples.frame[self.ends[1]].max()), self.until)
 
     @cached_property
     def bounds(self) -> StepBounds:
@@ -329,7 +331,7 @@ class Tracks:
     @cached_property
     def digest(self) -> bytes:
         """Of all that the crowd at any time follows from."""
-        digest = hashlib.sha256(repr((self.rate, self.phased)).encode())
+        digest = hashlib.sha256(repr((self.rate, self.phased, self.until)).encode())
         group = None if self.group is None else self.group.astype(str)
         for column in (self.ids, self.paces, group, *vars(self.samples).values()):
             digest.update(b"\0" if column is None else column.tobytes())

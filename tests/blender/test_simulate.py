@@ -277,6 +277,19 @@ def test_people_come_by_the_minute_and_leave_at_an_exit(square):
         assert trajectory.at(1 + rate * row).there == counts[row]
 
 
+def test_when_all_have_left_nobody_stays_behind(square):
+    settings = square.crowd_lod
+    settings.count = 3
+    settings.simulated_seconds = 8
+    spawn_on(settings.crowds[0], plane("start", -6, 0, (2, 6)))
+    add_goal(settings.crowds[0], (-3, 0), size=2)
+    (rows,) = simulate(square)
+    assert rows[:, 0].max() < 50
+    trajectory = trajectory_of(square, (walker(),))
+    assert trajectory.at(2).there == 3
+    assert trajectory.at(1 + 2.4 * 60).there == trajectory.at(1 + 2.4 * 500).there == 0
+
+
 def test_who_is_at_a_goal_that_is_no_exit_stays_there_and_stands(square):
     settings = square.crowd_lod
     settings.simulated_seconds = 25

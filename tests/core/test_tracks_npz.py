@@ -1,5 +1,6 @@
 """NPZ of tracks: what is written comes back to the bit, and what cannot be used is named."""
 
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -37,6 +38,17 @@ def test_what_is_not_known_is_left_out(tmp_path):
     assert (found.z, found.heading, found.phase, found.group) == (None,) * 4
 
 
+def test_after_the_last_row_nobody_is_there_where_the_file_tells_of_later_frames(tmp_path):
+    path = tmp_path / "crowd.npz"
+    for until, there in ((-np.inf, 4), (9.0, 0)):
+        still = rows(x=np.zeros(20), y=np.arange(20.0) / 10)
+        reading.write_npz(path, replace(still, until=until))
+        tracks = reading.read_tracks(path)
+        assert tracks.last == max(until, 4.0) and tracks.ids.tolist() == [0, 1, 2, 3]
+        held = tracks.holding(tracks.last)
+        assert len(tracks.samples.agent[held]) == there
+
+
 def test_centimeters_are_rounded_once(tmp_path):
     found = rows(x=np.array([-554.56] * 20)).in_meters("cm")
     assert (found.x == float(Fraction(-554.56) / 100)).all() and found.unit == "cm"
@@ -54,6 +66,8 @@ BAD = {
         path, id=[1], frame=[1], x=[0.0], y=[0.0], unit="miles"
     ),
     "two rates": lambda path: np.savez(path, id=[1], frame=[1], x=[0.0], y=[0.0], fps=[1.0, 2.0]),
+    "two ends": lambda path: np.savez(path, id=[1], frame=[1], x=[0.0], y=[0.0], until=[1.0, 2.0]),
+    "no end": lambda path: np.savez(path, id=[1], frame=[1], x=[0.0], y=[0.0], until=np.nan),
     "no rows": lambda path: np.savez(path, id=[], frame=[], x=[], y=[]),
     "other lengths": lambda path: np.savez(path, id=[1, 2], frame=[1, 2], x=[0.0, 1.0], y=[0.0]),
     "NaN": lambda path: reading.write_npz(path, rows(y=np.full(20, np.nan))),

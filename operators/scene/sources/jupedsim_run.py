@@ -179,6 +179,7 @@ class _Simulation:
                 y=places[own, 1],
                 heading=headings[own].astype(np.float32),
                 rate=RATE,
+                until=float(self.kept[-1][0]),
             )
             does = self.does[begin:end]
             outcomes.append(
