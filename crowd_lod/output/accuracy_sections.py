@@ -16,7 +16,7 @@ TOLERANCE = "by tolerance"
 
 _SECONDS = PlotAxis("cpu_s", "processor seconds of a frame")
 _MEMORY = PlotAxis("peak_mb", "peak memory, MB")
-_UNKNOWN = "0.7 px: less cannot be measured (spread out below)"
+_UNKNOWN = "0.7 px: less is not known"
 _OUTLINES = PlotAxis("worst_px", "outlines are off by, px", SAMPLED, _UNKNOWN, "p99_px")
 _COLORS = PlotAxis(
     "colors_worst", "colors are off by, of 1", 0.01, "0.01: hardly visible", "colors_p99"
