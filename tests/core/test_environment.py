@@ -10,6 +10,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from crowd_lod_extension import environment
 from packaging.requirements import Requirement
 from packaging.utils import parse_wheel_filename
 
@@ -115,7 +116,10 @@ def test_failed_installation_names_the_log_and_is_not_taken_for_a_whole_one(chec
 
 def test_manifest_and_pyproject_agree():
     assert MANIFEST["version"] == PROJECT["project"]["version"]
-    requirements = {r.name: r for r in map(Requirement, PROJECT["project"]["dependencies"])}
+    project = PROJECT["project"]
+    alone = [environment.ALONE, "wrapt"]  # wrapt comes with Deprecated
+    named = [*project["dependencies"], *project["optional-dependencies"]["test"], *alone]
+    requirements = {r.name: r for r in map(Requirement, named)}
     for wheel in MANIFEST["wheels"]:
         name, version, _, _ = parse_wheel_filename(Path(wheel).name)
         assert version in requirements[name].specifier
