@@ -7,13 +7,14 @@ import sys
 
 import bpy
 
-from ...crowd_lod import __version__, interrupt
+from ...crowd_lod import interrupt
 from ...crowd_lod.errors import FAULTS, sentence
 from ...crowd_lod.format import printable
 from ..blender import console
 from .farm import add_job
 from .file_commands import add_build, add_export, add_sample, add_update
 from .new_scene import add_new_scene, add_simulate
+from .overview import ABOUT, program_parser
 from .picture_commands import add_preview, add_verify
 from .plan_commands import add_plan_shot
 from .report_commands import add_error, add_extremes
@@ -40,25 +41,11 @@ def parser(program: str) -> argparse.ArgumentParser:
 
     The arguments that it returns have the command's name as `does`, and its function as `run`.
     """
-    checkout = (
-        "In a checkout ./crowd-lod also takes test, bench and package; --python 3.11 "
-        "before the command takes Blender 4.5."
-    )
-    top = argparse.ArgumentParser(
-        prog=program,
-        description="Plan and preview level of detail for crowds.",
-        epilog=checkout if program == "crowd-lod" else None,
-    )
-    top.add_argument(
-        "--version",
-        action="version",
-        version=f"Crowd LOD {__version__}, Blender {bpy.app.version_string}",
-    )
+    top, commands = program_parser(program, bpy.app.version_string)
     top.set_defaults(parser=parser)
-    commands = top.add_subparsers(required=True, metavar="COMMAND")
     for add in COMMANDS:
         add(commands, program)
-    about = "tables of error, run time and extreme cases"
+    about = ABOUT["report"]
     report = commands.add_parser("report", help=about, description=about.capitalize() + ".")
     reports = report.add_subparsers(required=True, metavar="REPORT")
     for add in REPORTS:

@@ -37,8 +37,6 @@ def add_job(commands, program: str) -> None:
         program,
         "job",
         run_job,
-        "write a job for render farms: an Open Job Description template, and a job type for "
-        "Flamenco",
         "job plaza.blend --frames 1:120 --frames-per-task 10 --out plaza_job",
     )
     add_scene(command, program)

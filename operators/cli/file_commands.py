@@ -48,7 +48,6 @@ def add_build(commands, program: str) -> None:
         program,
         "build",
         build,
-        "write the scene with its render set-up as a .blend file",
         "build plaza --bake --frames 1:120 --out plaza_built.blend",
     )
     add_scene(command, program)
@@ -82,12 +81,7 @@ def add_build(commands, program: str) -> None:
 def add_export(commands, program: str) -> None:
     """Add the command export to the program's."""
     command = add_command(
-        commands,
-        program,
-        "export",
-        export,
-        "write the crowd of a shot as USD: a point instancer, LODs in poses, materials, the camera",
-        "export plaza --frames 1:48 --out plaza.usdc",
+        commands, program, "export", export, "export plaza --frames 1:48 --out plaza.usdc"
     )
     add_scene(command, program)
     add_frames(command)
@@ -99,14 +93,7 @@ def add_export(commands, program: str) -> None:
 
 def add_sample(commands, program: str) -> None:
     """Add the command sample to the program's."""
-    command = add_command(
-        commands,
-        program,
-        "sample",
-        sample,
-        "write a sample scene as a .blend file",
-        "sample plaza --out plaza.blend",
-    )
+    command = add_command(commands, program, "sample", sample, "sample plaza --out plaza.blend")
     command.add_argument(
         "name", metavar="NAME", choices=sample_scenes.NAMES, help=" or ".join(sample_scenes.NAMES)
     )
@@ -277,14 +264,7 @@ def sample(args) -> dict:
 
 def add_update(commands, program: str) -> None:
     """Add the command update to the program's."""
-    command = add_command(
-        commands,
-        program,
-        "update",
-        update_file,
-        "make LOD meshes, plan, and build or bake anew in a file what has changed, and save it",
-        "update shot.blend",
-    )
+    command = add_command(commands, program, "update", update_file, "update shot.blend")
     add_scene(command, program)
     command.add_argument("--bake", action="store_true", help="bake a file that has no bake yet")
 

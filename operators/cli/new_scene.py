@@ -60,7 +60,6 @@ def add_new_scene(commands, program: str) -> None:
         program,
         "scene",
         new_scene,
-        "make a scene of trajectories, or of an object's points, with the characters of a file",
         "scene bottleneck.txt --unit cm --fps 25 --characters people.blend --out bottleneck.blend",
     )
     command.add_argument(
@@ -344,7 +343,6 @@ def add_simulate(commands, program: str) -> None:
         program,
         "simulate",
         simulate_scene,
-        "write the scene with its crowds simulated by JuPedSim, and their trajectories beside it",
         "simulate hall.blend --seconds 60 --out hall_simulated.blend",
     )
     add_scene(command, program)

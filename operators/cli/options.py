@@ -17,6 +17,7 @@ from ...crowd_lod.output import files
 from ...crowd_lod.shot import plan_file
 from ..blender import scene_data
 from ..settings.properties import property_of
+from .overview import ABOUT, REPORTS
 from .scene_files import open_scene
 
 Run = Callable[[argparse.Namespace], dict[str, Any]]
@@ -24,17 +25,17 @@ MOST_SEED = 2**31 - 1
 ENDLESS = 1e30  # a limit of a setting beyond this is none
 
 
-def add_command(  # noqa: PLR0913 - what a command is
-    commands, program: str, name: str, run: Run, about: str, example: str
+def add_command(
+    commands, program: str, name: str, run: Run, example: str
 ) -> argparse.ArgumentParser:
     """Add a command, and return the parser of its arguments.
 
     commands: subparsers of the program.
     run: called with the arguments, whose `words` are the command line; returns what --json prints,
         with the `summary` that is printed without it.
-    about: what it does, as help.
     example: the words of one, without the program.
     """
+    about = {**ABOUT, **REPORTS}[name]
     command = commands.add_parser(
         name,
         help=about,

@@ -36,7 +36,6 @@ def add_preview(commands, program: str) -> None:
         program,
         "preview",
         preview_shot,
-        "render each frame by LOD and from above, with a table and a plan",
         "preview plaza --frames 1:120 --step 10 --out plaza_preview",
     )
     _add_shot(command, program)
@@ -64,12 +63,7 @@ def add_preview(commands, program: str) -> None:
 def add_verify(commands, program: str) -> None:
     """Add the command verify to the program's."""
     command = add_command(
-        commands,
-        program,
-        "verify",
-        verify_shot,
-        "render frames of the build beside everyone at full detail, and compare the pictures",
-        "verify plaza --frames 1,60 --out plaza_verify",
+        commands, program, "verify", verify_shot, "verify plaza --frames 1,60 --out plaza_verify"
     )
     _add_shot(command, program)
     add_out(command, "DIR", "the folder for pictures and tables (default: SCENE_verify)")

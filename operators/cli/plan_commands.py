@@ -23,12 +23,7 @@ from .scene_files import finish, stem_of
 def add_plan_shot(commands, program: str) -> None:
     """Add the command plan to the program's."""
     command = add_command(
-        commands,
-        program,
-        "plan",
-        plan_shot,
-        "decide on all LODs of a shot at once, with few switches in sight",
-        "plan plaza --frames 1:120 --out plaza_plan",
+        commands, program, "plan", plan_shot, "plan plaza --frames 1:120 --out plaza_plan"
     )
     add_scene(command, program)
     add_frames(command)

@@ -14,12 +14,7 @@ from .scene_files import finish, stem_of
 def add_error(reports, program: str) -> None:
     """Add report error to the program's reports."""
     command = add_command(
-        reports,
-        program,
-        "error",
-        report_error,
-        "measure ways to render a crowd, to move it and to cull it: error against run time",
-        "report error plaza --out plaza_error",
+        reports, program, "error", report_error, "report error plaza --out plaza_error"
     )
     add_scene(command, program)
     add_out(command, "DIR", "the folder for the page, plots and tables (default: SCENE_error)")
@@ -43,12 +38,7 @@ def report_error(args) -> dict:
 def add_extremes(reports, program: str) -> None:
     """Add report extremes to the program's reports."""
     command = add_command(
-        reports,
-        program,
-        "extremes",
-        report_extremes,
-        "judge plans and steps in extreme cases",
-        "report extremes --most 100000",
+        reports, program, "extremes", report_extremes, "report extremes --most 100000"
     )
     command.add_argument(
         "--most",

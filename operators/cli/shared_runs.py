@@ -265,14 +265,7 @@ def _say(args, sentence: str) -> None:
 
 def add_assemble(commands, program: str) -> None:
     """Add the command assemble to the program's."""
-    command = add_command(
-        commands,
-        program,
-        "assemble",
-        assemble,
-        "put together what was made in parts: a preview, a verify, or the rendered frames of a job",
-        "assemble plaza_preview",
-    )
+    command = add_command(commands, program, "assemble", assemble, "assemble plaza_preview")
     command.add_argument(
         "folder", type=to_path, metavar="DIR", help="the folder given as --out to the parts"
     )
