@@ -16,7 +16,7 @@ from ..format import counted
 from ..mesh import Mesh, connected_components
 from ..progress import finished
 from .collapse_choice import Poses, normals_of, quadrics_of
-from .edge_collapse import Collapsed, collapse
+from .edge_collapse import Collapsed, Collapsing
 from .loose_parts import silhouette_areas, widened
 from .pose_deformation import Skin
 from .surface_fit import NEAR_ENOUGH, SurfaceFit
@@ -76,75 +76,199 @@ def missing_library() -> str | None:
     return None
 
 
-def decimate(*args: Any, **named: Any) -> LodMesh:
-    """The mesh with about `ratio` of its triangles, all at once: see `decimating`."""
-    return finished(decimating(*args, **named))
+def decimate(
+    mesh: Mesh, ratio: float, *args: Any, weight: np.ndarray | None = None, **named: Any
+) -> LodMesh:
+    """The mesh with about `ratio` of its triangles, all at once: see Decimation."""
+    return finished(Decimation(mesh, *args, **named).lod(ratio, weight))
 
 
-def decimating(  # noqa: PLR0913 - what a mesh is decimated by
-    mesh: Mesh,
-    ratio: float,
-    name: str,
-    seams: np.ndarray | None = None,
-    skin: Skin | None = None,
-    effort: float = 1.0,
-    weight: np.ndarray | None = None,
-) -> Generator[None, None, LodMesh]:
-    """Make the mesh with about `ratio` of its triangles; yields between its steps.
+@dataclass
+class _Sequence:
+    """Collapses of a mesh, which was kept at each halving of its triangles.
 
-    mesh: of n points, in meters; ratio: in (0, 1], 1 gives the mesh itself; name: of the mesh, for
-    errors.
-    seams: (k, 2) indices of points, edges kept in place as open borders are, such as UV seams.
-    skin: how its points move, if they do: the poses count as much as the rest.
-    effort: what part of MOVES it may do, as one of a character's meshes.
-    weight: (n,), how much the planes at each point count when edges collapse; 1 each if None.
-
-    Returns the LodMesh. Points without a triangle are dropped, open borders at the same points
-    become one. Loose parts go, where that shows less than what collapses
-    elsewhere, see LooseParts. CrowdError for bad input.
+    most: triangles that fast-simplification left; seam_weight, weight: by which edges collapse.
     """
-    _check(mesh, ratio, name)
-    vertices, triangles = np.unique(mesh.triangles, return_inverse=True)
-    triangles = triangles.reshape(-1, 3)
-    points = mesh.points[vertices].astype(np.float64)
-    target = max(1, round(ratio * len(triangles)))
-    if target >= len(triangles):
-        return LodMesh(points, triangles.astype(np.int32), vertices)
-    if problem := missing_library():
-        raise CrowdError(problem)
-    # Of unit size at the origin, and rounded: neither scale nor place decides which of two like
-    # edges goes first.
-    low = points.min(axis=0)
-    size = float(np.ptp(points, axis=0).max()) or 1.0
-    unit = np.round((points - low) / size * GRID) / GRID
-    joined, constrained = _join_borders(unit, triangles)
-    if seams is not None and len(seams):
-        numbers = np.full(max(vertices[-1], np.max(seams)) + 1, -1)
-        numbers[vertices] = joined
-        constrained = np.concatenate([constrained, _renumber(seams, numbers)])
-    whole = _without_flat_and_doubled(joined[triangles])
-    if not len(whole):
-        return LodMesh(points, triangles.astype(np.int32), vertices)
-    solid = np.unique(whole)
-    index = _index_of(solid, len(unit))
-    whole = index[whole]
-    constrained = _renumber(constrained, index)
-    skin = skin and skin.of(vertices[solid]).scaled(low, size).telling(whole)
-    yield
-    # of points that became one the greatest weight counts
-    weights = np.zeros(len(unit))
-    np.maximum.at(weights, joined, 1.0 if weight is None else weight[vertices])
-    best = yield from _best(
-        Mesh(unit[solid], whole), constrained, target, skin, effort, weights[solid]
-    )
-    source = solid[best.follows] if skin else _stand_for(unit, best, index[joined])
-    return LodMesh(best.points * size + low, best.triangles.astype(np.int32), vertices[source])
+
+    most: int
+    seam_weight: float
+    weight: np.ndarray | None
+    halvings: list[Collapsing]
+
+    def is_of(self, most: int, seam_weight: float, weight: np.ndarray | None) -> bool:
+        """Return whether these are the collapses with the same array of weights, or without."""
+        alike = (self.most, self.seam_weight) == (most, seam_weight)
+        return alike and self.weight is weight
+
+    def above(self, target: int) -> Generator[None, None, Collapsing]:
+        """Return the last halving with enough triangles, to collapse further; yield as it goes.
+
+        Which loose parts go depends on how many triangles are wanted: with some it is the first.
+        """
+        if self.halvings[0].loose.cheapest < np.inf:
+            return self.halvings[0].copy()
+        while self.halvings[-1].triangles > 2 * target:
+            half = self.halvings[-1].copy()
+            count = half.triangles
+            yield from half.down_to(count // 4, count // 2)
+            if half.stuck:
+                break
+            self.halvings.append(half)
+        return next(each for each in self.halvings[::-1] if each.triangles >= target).copy()
 
 
-def _check(mesh: Mesh, ratio: float, name: str) -> None:
-    """Raise CrowdError if `decimating` cannot work with the input."""
-    if not 0 < ratio <= 1:
-        raise CrowdError(f"The LOD ratio {ratio:g} of {name} is not in (0, 1].")
+class Decimation:
+    """A mesh that LODs are made of.
+
+    Its collapses are one sequence, which all LODs share: the mesh is kept at each halving of its
+    triangles, and a LOD goes on from the last that has enough. So it is the same whichever were
+    made before.
+    """
+
+    def __init__(  # noqa: PLR0913 - what a mesh is decimated by
+        self,
+        mesh: Mesh,
+        name: str,
+        seams: np.ndarray | None = None,
+        skin: Skin | None = None,
+        effort: float = 1.0,
+    ):
+        """Take a mesh of n points, in meters.
+
+        name: of the mesh, for errors.
+        seams: (k, 2) indices of points, edges kept in place as open borders are, such as UV seams.
+        skin: how its points move, if they do: the poses count as much as the rest.
+        effort: what part of MOVES a LOD may take, as one of a character's meshes.
+
+        Points without a triangle are dropped, open borders at the same points become one.
+        CrowdError for bad input.
+        """
+        _check(mesh, name)
+        self.name = name
+        self.effort = effort
+        self.vertices, triangles = np.unique(mesh.triangles, return_inverse=True)
+        self.triangles = triangles.reshape(-1, 3)
+        self.points = mesh.points[self.vertices].astype(np.float64)
+        # Of unit size at the origin, and rounded: neither scale nor place decides which of two like
+        # edges goes first.
+        self.low = self.points.min(axis=0)
+        self.size = float(np.ptp(self.points, axis=0).max()) or 1.0
+        self.unit = np.round((self.points - self.low) / self.size * GRID) / GRID
+        joined, border = _join_borders(self.unit, self.triangles)
+        if seams is not None and len(seams):
+            numbers = np.full(max(self.vertices[-1], np.max(seams)) + 1, -1)
+            numbers[self.vertices] = joined
+            border = np.concatenate([border, _renumber(seams, numbers)])
+        whole = _without_flat_and_doubled(joined[self.triangles])
+        self.solid = np.unique(whole)
+        index = _index_of(self.solid, len(self.unit))
+        self.index = index[joined]
+        self.whole = Mesh(self.unit[self.solid], index[whole])
+        self.seams = _renumber(border, index)
+        self.skin = None
+        if skin and len(self.solid):
+            of_solid = skin.of(self.vertices[self.solid]).scaled(self.low, self.size)
+            self.skin = of_solid.telling(self.whole.triangles)
+        self.part = connected_components(len(self.solid), self.whole.triangles)
+        self.constrained = constrained_edges(self.whole.triangles, self.seams, len(self.solid))
+        self._sequences: dict[bool, _Sequence] = {}  # without weights, and with the last ones
+
+    def lod(self, ratio: float, weight: np.ndarray | None = None) -> Generator[None, None, LodMesh]:
+        """Make the LOD of about `ratio` of the triangles; yields between its steps.
+
+        ratio: in (0, 1], 1 gives the mesh itself.
+        weight: (n,), how much the planes at each point count when edges collapse; 1 each if None.
+
+        Loose parts go, where that shows less than what collapses elsewhere, see LooseParts.
+        CrowdError for a wrong ratio.
+        """
+        if not 0 < ratio <= 1:
+            raise CrowdError(f"The LOD ratio {ratio:g} of {self.name} is not in (0, 1].")
+        target = max(1, round(ratio * len(self.triangles)))
+        if target >= len(self.triangles) or not len(self.solid):
+            return LodMesh(self.points, self.triangles.astype(np.int32), self.vertices)
+        if problem := missing_library():
+            raise CrowdError(problem)
+        left = yield from self._collapsed(target, weight)
+        yield
+        fit = SurfaceFit(
+            Mesh(left.points, left.triangles),
+            self.whole,
+            left.collapse_map,
+            self.seams[self._are_inside()],
+            self.skin,
+            left.follows,
+        )
+        yield from _fitted(fit, max(self.effort * MOVES, MOVES_EACH * len(self.whole.triangles)))
+        points = _as_wide_as_source(self.whole.points, self.whole.triangles, self.part, fit)
+        if self.skin:
+            source = self.solid[fit.follows]
+        else:
+            collapse_map = fit.copies.originals(fit.collapse_map)
+            source = _stand_for(self.unit, points, np.append(collapse_map, -1)[self.index])
+        triangles = fit.corners.T.astype(np.int32)
+        return LodMesh(points * self.size + self.low, triangles, self.vertices[source])
+
+    def _are_inside(self) -> np.ndarray:
+        """Which seams are no open borders, (k,) bool: these may move along themselves."""
+        sides, is_border = self.constrained
+        inner = half_edges(self.whole.triangles)[sides[~is_border]]
+        n = len(self.solid)
+        return np.isin(edge_keys(self.seams.T, n), edge_keys(inner.T, n))
+
+    def _collapsed(
+        self, target: int, weight: np.ndarray | None
+    ) -> Generator[None, None, Collapsed]:
+        """Collapse edges until `target` triangles are left; yields between the steps."""
+        count = len(self.whole.triangles)
+        spared = BULK_POSED if self.skin else BULK_SEAMED if len(self.seams) else 0
+        most = min(max(int(BULK_MARGIN * target + BULK_PART * count), spared), count)
+        seam_weight = 1.0 if self.skin else min(1.0, target / count / SEAMS_YIELD) ** 3
+        sequence = self._sequences.get(weight is not None)
+        if sequence is None or not sequence.is_of(most, seam_weight, weight):
+            begun = self._begin(most, seam_weight, weight)
+            sequence = _Sequence(most, seam_weight, weight, [begun])
+            self._sequences[weight is not None] = sequence
+            yield
+        left = yield from sequence.above(target)
+        yield from left.down_to(target)
+        return left.result()
+
+    def _begin(self, most: int, seam_weight: float, weight: np.ndarray | None) -> Collapsing:
+        """Return the mesh, of which fast-simplification has left about `most` triangles."""
+        points = self.whole.points
+        triangles = self.whole.triangles
+        facing = normals_of(points, triangles)
+        quadrics = quadrics_of(points, triangles, self.constrained, seam_weight)
+        pose_quadrics = [
+            quadrics_of(place, triangles, self.constrained, SEAMS_POSED)
+            for place in (self.skin.place if self.skin else ())
+        ]
+        # of points that became one the greatest weight counts
+        weights = np.zeros(len(self.solid) + 1)  # the last stands for points that are dropped
+        np.maximum.at(weights, self.index, 1.0 if weight is None else weight[self.vertices])
+        weights = weights[:-1]
+        for rows in (quadrics, *pose_quadrics):
+            rows[:10] *= weights  # not the area, by which errors are divided
+        guide = self.skin.place[0] if self.skin else points
+        start, coarse, collapse_map = _bulk(points, triangles, self.part, most, guide)
+        sums, *pose_quadrics = (
+            np.stack([np.bincount(collapse_map, row, len(start)) for row in rows])
+            for rows in ((*quadrics, *facing.T), *pose_quadrics)
+        )
+        poses = Poses(self.skin, pose_quadrics) if self.skin else None
+        if len(coarse) < len(triangles) and not poses:
+            # of a flat face all points may have landed far from its corners, which must not forget
+            # it
+            constrained = constrained_edges(coarse, collapse_map[self.seams], len(start))
+            sums[:11] += BULK_PLANES * quadrics_of(start, coarse, constrained, seam_weight)
+        begun = Collapsing(Mesh(start, coarse), sums[:11], sums[11:].T, poses)
+        begun.collapse_map = begun.collapse_map[collapse_map]
+        return begun
+
+
+def _check(mesh: Mesh, name: str) -> None:
+    """Raise CrowdError if no LOD can be made of the mesh."""
     if not len(mesh.triangles):
         raise CrowdError(
             f"The mesh {name} has no faces: remove it from its character group or give it some."
@@ -154,95 +278,6 @@ def _check(mesh: Mesh, ratio: float, name: str) -> None:
         raise CrowdError(
             f"The mesh {name} has {counted(wrong, 'vertex', 'vertices')} at NaN or infinity."
         )
-
-
-def _best(
-    mesh: Mesh,
-    seams: np.ndarray,
-    target: int,
-    skin: Skin | None,
-    effort: float,
-    weight: np.ndarray,
-) -> Generator[None, None, Collapsed]:
-    """Collapse edges, then fit the surface; yields between the steps.
-
-    mesh: of unit size, with n points.
-    seams: (k, 2).
-    target: triangles wanted.
-    effort: part of MOVES.
-    weight: (n,), see decimating().
-    Returns the points left; `follows` tells something with a skin only.
-
-    Work is counted, not timed: the same mesh gives the same LOD. fast-simplification knows no
-    poses, and takes the rings of a straight elbow first: it goes less far, in the pose that bends
-    most.
-    """
-    points = mesh.points
-    triangles = mesh.triangles
-    part = connected_components(len(points), triangles)
-    constrained = constrained_edges(triangles, seams, len(points))
-    left = yield from _collapse(mesh, part, seams, constrained, target, skin, weight)
-    kept_points, new_triangles = np.unique(left.triangles, return_inverse=True)
-    collapse_map = _index_of(kept_points, len(left.points))[left.collapse_map]
-    yield
-    sides, is_border = constrained
-    inner = half_edges(triangles)[sides[~is_border]]  # open borders may move along themselves
-    inside = np.isin(edge_keys(seams.T, len(points)), edge_keys(inner.T, len(points)))
-    lod = Mesh(left.points[kept_points], new_triangles.reshape(-1, 3))
-    fit = SurfaceFit(lod, mesh, collapse_map, seams[inside], skin, left.follows[kept_points])
-    yield from _fitted(fit, max(effort * MOVES, MOVES_EACH * len(triangles)))
-    return Collapsed(
-        _as_wide_as_source(points, triangles, part, fit),
-        fit.corners.T,
-        fit.copies.originals(fit.collapse_map),
-        fit.follows,
-    )
-
-
-def _collapse(  # noqa: PLR0913 - what a mesh is decimated by
-    mesh: Mesh,
-    part: np.ndarray,
-    seams: np.ndarray,
-    constrained: tuple[np.ndarray, np.ndarray],
-    target: int,
-    skin: Skin | None,
-    weight: np.ndarray,
-) -> Generator[None, None, Collapsed]:
-    """Collapse edges until `target` triangles are left; yields between the steps.
-
-    part: (n,), the loose part of each point; constrained: see constrained_edges(); all else: see
-    _best().
-    """
-    points = mesh.points
-    triangles = mesh.triangles
-    seam_weight = 1.0 if skin else min(1.0, target / len(triangles) / SEAMS_YIELD) ** 3
-    facing = normals_of(points, triangles)
-    quadrics = quadrics_of(points, triangles, constrained, seam_weight)
-    pose_quadrics = [
-        quadrics_of(place, triangles, constrained, SEAMS_POSED)
-        for place in (skin.place if skin else ())
-    ]
-    for rows in (quadrics, *pose_quadrics):
-        rows[:10] *= weight  # not the area, by which errors are divided
-    spared = BULK_POSED if skin else BULK_SEAMED if len(seams) else 0
-    yield
-    most = max(int(BULK_MARGIN * target + BULK_PART * len(triangles)), spared)
-    start, coarse, collapse_map = _bulk(
-        points, triangles, part, most, skin.place[0] if skin else points
-    )
-    yield
-    sums, *pose_quadrics = (
-        np.stack([np.bincount(collapse_map, row, len(start)) for row in rows])
-        for rows in ((*quadrics, *facing.T), *pose_quadrics)
-    )
-    poses = Poses(skin, pose_quadrics) if skin else None
-    if len(coarse) < len(triangles) and not poses:
-        # of a flat face all points may have landed far from its corners, which must not forget it
-        sums[:11] += BULK_PLANES * quadrics_of(
-            start, coarse, constrained_edges(coarse, collapse_map[seams], len(start)), seam_weight
-        )
-    left = yield from collapse(Mesh(start, coarse), sums[:11], sums[11:].T, target, poses)
-    return left._replace(collapse_map=left.collapse_map[collapse_map])
 
 
 def _index_of(numbers: np.ndarray, n: int) -> np.ndarray:
@@ -388,14 +423,14 @@ def _join_borders(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray
     return joined, joined[border]
 
 
-def _stand_for(points: np.ndarray, lod: Collapsed, index: np.ndarray) -> np.ndarray:
-    """For each of the LOD's points the nearest of those that collapsed into it, (k,) intp.
+def _stand_for(points: np.ndarray, new_points: np.ndarray, collapse_map: np.ndarray) -> np.ndarray:
+    """For each new point the nearest of the points that collapsed into it, (k,) intp.
 
-    points: (n, 3) of the source; index: (n,) among the points that were collapsed, or -1.
+    points: (n, 3) of the source; new_points: (k, 3); collapse_map: (n,) the new point of each, or
+    -1.
     """
-    collapse_map = np.append(lod.collapse_map, -1)[index]
     left = np.flatnonzero(collapse_map >= 0)
-    return left[_nearest(points[left], lod.points, collapse_map[left])]
+    return left[_nearest(points[left], new_points, collapse_map[left])]
 
 
 def _nearest(points: np.ndarray, new_points: np.ndarray, collapse_map: np.ndarray) -> np.ndarray:

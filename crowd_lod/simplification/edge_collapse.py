@@ -3,7 +3,8 @@
 Each round collapses, the cheapest first, edges so far apart that they share no face at their ends.
 """
 
-from collections.abc import Generator
+from collections.abc import Iterator
+from copy import copy
 from typing import NamedTuple
 
 import numpy as np
@@ -43,78 +44,97 @@ class Collapsed(NamedTuple):
     follows: np.ndarray
 
 
-def collapse(
-    mesh: Mesh, quadrics: np.ndarray, normals: np.ndarray, target: int, poses: Poses | None = None
-) -> Generator[None, None, Collapsed]:
-    """Collapse edges until at most `target` faces are left, or as few as may be.
+class Collapsing:
+    """A mesh while its edges collapse, and what is known of them.
 
-    mesh: of n points, about of unit size.
-    quadrics: (11, n).
-    normals: (n, 3).
-    poses: the errors in these add to that at rest. Source: Mohr, Gleicher, "Deformation sensitive
-        decimation", 2003.
-
-    Yields between the rounds. Returns the mesh with all n points, whose indices stay; of an edge's
-    two it moves with the nearer. No collapse opens, closes, pinches or folds the surface; each part
-    keeps a triangle, or four where it is closed. Loose parts go, where that costs
-    less than the next collapses (see LooseParts).
-    """
-    # of few of them, when most have collapsed before
-    used, corners = np.unique(mesh.triangles, return_inverse=True)
-    work = _Collapse(mesh.points, used, corners.reshape(-1, 3), quadrics, normals, poses)
-    while (excess := work.corners.shape[1] - target) > 0:
-        ends, at = work.next_collapses(excess)
-        if ends.shape[1]:
-            work.carry_out(ends, at)
-            yield
-        elif work.stuck:
-            break
-    return work.result(mesh.points)
-
-
-class _Collapse:
-    """A mesh while it collapses, and what is known of its edges.
+    No collapse opens, closes, pinches or folds the surface; each part keeps a triangle, or four
+    where it is closed. Loose parts go, where that costs less than the next collapses (see
+    LooseParts). Of an edge's two points it moves with the nearer.
 
     corners: (3, m), of the triangles left; stuck: whether nothing may collapse any more.
     """
 
     def __init__(
-        self,
-        points: np.ndarray,
-        vertices: np.ndarray,
-        triangles: np.ndarray,
-        quadrics: np.ndarray,
-        normals: np.ndarray,
-        poses: Poses | None,
+        self, mesh: Mesh, quadrics: np.ndarray, normals: np.ndarray, poses: Poses | None = None
     ):
-        """A mesh of the points `vertices` (k,) alone, of all (n, 3).
+        """Begin with all of a mesh of n points, about of unit size.
 
-        triangles: (m, 3), of the points used; quadrics: (11, n), normals: (n, 3), poses: of all.
+        quadrics: (11, n); normals: (n, 3).
+        poses: the errors in these add to that at rest. Source: Mohr, Gleicher, "Deformation
+            sensitive decimation", 2003.
         """
         # NumPy is several times faster along the long axis
-        self.corners = np.ascontiguousarray(triangles.T)
-        self.points = points.T.take(vertices, 1)
-        self.quadrics = quadrics.take(vertices, 1)
-        self.normals = normals.T.take(vertices, 1)
-        self.poses = poses and Poses(
-            poses.skin, [rows.take(vertices, 1) for rows in poses.quadrics]
-        )
-        self.used = vertices
-        self.follows = vertices.copy()
-        self.collapse_map = np.arange(len(vertices))
+        self.points = mesh.points.T
+        self.corners = mesh.triangles.T
+        self.quadrics = quadrics
+        self.normals = normals.T
+        self.poses = poses
+        self.follows = np.arange(len(mesh.points))
+        self.collapse_map = np.arange(len(mesh.points))
+        self._drop_loose()
         copies = 1 + (len(poses.skin.place) if poses else 0)
         self.loose = LooseParts(copies, self.points, self.corners, self.quadrics[10])
+        self.facing = FACING
+        self._forget()
+
+    def copy(self) -> "Collapsing":
+        """Return the same mesh, to collapse further, without the points that are gone."""
+        other = copy(self)
+        other.loose = self.loose.of(other._drop_loose())
+        other._forget()
+        return other
+
+    def _drop_loose(self) -> np.ndarray:
+        """Drop the points that no triangle has; return those left, (k,), as they were numbered."""
+        used, corners = np.unique(self.corners, return_inverse=True)
+        numbers = np.full(self.points.shape[1] + 1, -1)  # the last is that of points gone before
+        numbers[used] = np.arange(len(used))
+        self.corners = np.ascontiguousarray(corners.reshape(3, -1))
+        self.points = self.points.take(used, 1)
+        self.quadrics = self.quadrics.take(used, 1)
+        self.normals = self.normals.take(used, 1)
+        self.poses = self.poses and Poses(
+            self.poses.skin, [rows.take(used, 1) for rows in self.poses.quadrics]
+        )
+        self.follows = self.follows[used]
+        self.collapse_map = numbers[self.collapse_map]
+        return used
+
+    def _forget(self) -> None:
+        """Forget what rounds have found of edges."""
         self.stuck = False
         # Where none of the cheapest edges may collapse, all are tried, then also those that turn
-        # faces further.
+        # faces further: `facing` is the least cosine.
         self.thorough = False
-        self.facing = FACING
         self.refused = np.zeros(0, np.intp)  # keys of edges that must not collapse as things are
         # Of the last round's edges, by key: where each collapses to (3 rows), its cost at rest, and
         # its error in the poses, NaN where it was not needed.
         self.keys = np.zeros(0, np.intp)
         self.estimates = np.zeros((5, 0))
-        self.changed = np.zeros(len(vertices), bool)  # points, since then
+        self.changed = np.zeros(self.points.shape[1], bool)  # points, since then
+
+    @property
+    def triangles(self) -> int:
+        """How many triangles are left."""
+        return self.corners.shape[1]
+
+    def down_to(self, target: int, until: int = 0) -> Iterator[None]:
+        """Collapse edges until at most `target` triangles are left, or as few as may be.
+
+        Yields between the rounds.
+        """
+        while (excess := self.triangles - target) > 0 and self.triangles > until:
+            ends, at = self.next_collapses(excess)
+            if ends.shape[1]:
+                self.carry_out(ends, at)
+                yield
+            elif self.stuck:
+                break
+
+    def result(self) -> Collapsed:
+        """Return the mesh as it is now."""
+        left = self.copy()
+        return Collapsed(left.points.T, left.corners.T, left.collapse_map, left.follows)
 
     def next_collapses(self, excess: int) -> tuple[np.ndarray, np.ndarray]:
         """Choose the cheapest edges that may collapse together.
@@ -148,7 +168,7 @@ class _Collapse:
     def _estimate_edges(self) -> Edges:
         """Find the edges there are, and where those that are new or have changed collapse to."""
         before = self.keys
-        self.keys, ends, faces = edges_of(self.corners, len(self.used))
+        self.keys, ends, faces = edges_of(self.corners, self.points.shape[1])
         self.estimates = take_over_estimates(
             before, self.estimates, self.keys, self.changed[ends].any(axis=0)
         )
@@ -160,7 +180,7 @@ class _Collapse:
 
     def _rank_edges(self, edges: Edges) -> tuple[np.ndarray, np.ndarray]:
         """Return what each edge's collapse costs (k,), and the cheapest edges, in order."""
-        barred = are_bridges(edges.ends, edges.faces, len(self.used))
+        barred = are_bridges(edges.ends, edges.faces, self.points.shape[1])
         barred |= np.isin(self.keys, self.refused)
         cost = np.where(barred, np.inf, self.estimates[3])
         most = len(cost)
@@ -185,7 +205,7 @@ class _Collapse:
             self.refused = self.refused[:0]
             self.facing = FACING_LAST
         self.thorough = not self.thorough
-        self.changed = np.zeros(len(self.used), bool)
+        self.changed = np.zeros(self.points.shape[1], bool)
 
     def _spare_thin_ends(self, edges: Edges, excess: int) -> Edges:
         """Return those of the edges whose collapse costs less than to give up the next loose part.
@@ -205,7 +225,7 @@ class _Collapse:
 
     def carry_out(self, ends: np.ndarray, at: np.ndarray) -> None:
         """Collapse edges that lie apart: ends (2, k), each to its place of `at` (3, k)."""
-        n = len(self.used)
+        n = self.points.shape[1]
         stays, goes = ends
         around = in_ring(self.corners, ends, n)
         self.refused = self.refused[~around[np.stack(np.divmod(self.refused, n))].any(axis=0)]
@@ -217,17 +237,7 @@ class _Collapse:
         self.changed[stays] = True
         for rows in (self.quadrics, self.normals, *(self.poses.quadrics if self.poses else ())):
             rows[:, stays] += rows[:, goes]
-        self.collapse_map, self.corners = _merged(ends, self.collapse_map, self.corners)
-
-    def result(self, points: np.ndarray) -> Collapsed:
-        """Return the mesh as it is now, with all points (n, 3) of the source."""
-        all_points = points.copy()
-        all_points[self.used] = self.points.T
-        all_collapsed = np.arange(len(points))
-        all_collapsed[self.used] = self.used[self.collapse_map]
-        all_follow = np.arange(len(points))
-        all_follow[self.used] = self.follows
-        return Collapsed(all_points, self.used[self.corners].T, all_collapsed, all_follow)
+        self.collapse_map, self.corners = _merged(ends, self.collapse_map, self.corners, n)
 
 
 def _cheapest(cost: np.ndarray, most: int) -> np.ndarray:
@@ -240,14 +250,14 @@ def _cheapest(cost: np.ndarray, most: int) -> np.ndarray:
 
 
 def _merged(
-    ends: np.ndarray, collapse_map: np.ndarray, corners: np.ndarray
+    ends: np.ndarray, collapse_map: np.ndarray, corners: np.ndarray, n: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(collapse_map (n,), corners (3, j)) once each edge's second end has become its first.
+    """(collapse_map, corners (3, j)) once each edge's second end has become its first.
 
-    ends: (2, k), of the edges;
+    ends: (2, k), of the edges; collapse_map: of n points, or -1;
     corners: (3, m); triangles that become flat are dropped.
     """
-    move = np.arange(len(collapse_map))
+    move = np.append(np.arange(n), -1)  # the last is that of points gone
     move[ends[1]] = ends[0]
     corners = move[corners]
     return move[collapse_map], corners.compress(~are_flat(corners), axis=1)

@@ -3,6 +3,7 @@
 Those that stay are widened until each shows as much as before.
 """
 
+from copy import copy
 from heapq import heapify, heappop, heappush
 
 import numpy as np
@@ -59,6 +60,14 @@ class LooseParts:
         self._costs = weight * copies * np.maximum(lost**2, silhouette)
         self._copies = copies
         self._witness = rest.copy()
+
+    def of(self, points: np.ndarray) -> "LooseParts":
+        """The same of a mesh that has the `points` (k,) alone."""
+        other = copy(self)
+        other.part = self.part[points]
+        other._costs = self._costs.copy()
+        other._witness = self._witness.take(points, 1)
+        return other
 
     @property
     def cheapest(self) -> float:

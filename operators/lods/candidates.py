@@ -70,7 +70,7 @@ MOST_GOALS = 100  # whose measurements are kept
 LEAST_TRIANGLES = 300  # a character of fewer needs no LOD, and is not worth a search
 FOLLOWING = 0.5  # by distance, the LOD after a given one has at most this part of its triangles
 DIGITS = 12  # of a hash: as many as a goal can hold
-VERSION = 29  # of the code that makes LOD meshes: with another one they are made anew
+VERSION = 30  # of the code that makes LOD meshes: with another one they are made anew
 
 
 def _untouched(home: bpy.types.Collection) -> bool:
@@ -107,6 +107,7 @@ class Ladder:
     homes: goal -> the collection of that candidate's objects; new_homes: those of them that were
         made now.
     given: LODs that artists made, by goal; counts: their vertices and triangles.
+    looked: goals of LODs that were looked at between the poses; again: those then sought anew.
     costs: of the work on it.
     """
 
@@ -135,6 +136,8 @@ class Ladder:
         self.artists = given
         self.given: dict[float, GivenLod] = {}
         self.counts: dict[float, tuple[int, int]] = {}
+        self.looked: set[float] = set()
+        self.again: set[float] = set()
         self.search: Search | None = None
         self.costs = LodCosts()
 
@@ -285,14 +288,11 @@ class Ladder:
             yield from work.take(self._note(goal, counts, deviation))
 
     def _measure_given(self, goal: float) -> Iterator[float]:
-        """Measure a LOD that was given, by tolerance in further frames as well."""
-        work = Workload(10 if self.searched else 7)
+        """Measure a LOD that was given."""
+        work = Workload(1)
         counts = yield from work.take(self._make(goal))
         level = list(self.homes[goal].objects)
-        deviation = yield from work.take(self.judge.level(level, self.goals.index(goal)), 7)
-        if self.searched:
-            steps = self.judge.look_between([level], [deviation])
-            (deviation,) = yield from work.take(steps, 3)
+        deviation = yield from work.take(self.judge.level(level, self.goals.index(goal)), 1)
         yield from work.take(self._note(goal, counts, deviation))
 
     def _make(self, goal: float) -> Generator[float, None, tuple[int, int]]:
@@ -337,7 +337,14 @@ class Ladder:
             self.search = Search(self.sources, make_object, self.judge)
         triangles = self.measured.guess_triangles([length], OFTEN_LOST)[0]
         ratio = triangles / self.measured.value(0.0, "triangles")
-        tries, deviation = yield from work.take(self.search.find(length, ratio), 1)
+        rows = self.measured.rows
+        fitting = [goal for goal, row in rows.items() if 0 <= goal < length and row[3] <= length]
+        serving = rows[min(fitting, key=lambda goal: rows[goal][1])]
+        found = yield from work.take(self.search.find(length, ratio, int(serving[1])), 1)
+        if found is None:
+            rows[length] = serving
+            return
+        tries, deviation = found
         for attempt, source in zip(tries, self.sources, strict=True):
             if WHY in attempt.item and 0.0 < attempt.ratio < 1.0:
                 reason = (
@@ -387,19 +394,36 @@ class Ladder:
             row += (shaded,)
         self.measured.rows[goal] = row
 
-    def look_between(self, goals: Sequence[float]) -> Iterator[float]:
-        """Look at LODs that were made anew in further frames, which may raise their bounds.
+    def look_between(self, goals: Sequence[float]) -> Generator[float, None, bool]:
+        """Look at LODs that were made anew in frames between the poses, unless that is done.
 
-        By tolerance the search has done so.
+        Yields the progress. Returns whether that has raised a bound. A LOD that is beyond its
+        length there is sought anew, once: the frame is one of the poses from now on.
         """
-        if self.searched:
-            return
         rows = self.measured.rows
-        new = [goal for goal in goals if goal in self.new_homes]
+        new = [goal for goal in goals if goal in self.new_homes and goal not in self.looked]
         levels = [list(self.homes[goal].objects) for goal in new]
-        deviations = yield from self.judge.look_between(levels, [rows[goal][2:6] for goal in new])
-        for goal, deviation in zip(new, deviations, strict=True):
-            rows[goal] = (*rows[goal][:2], *deviation, *rows[goal][6:])
+        before = [rows[goal][2:6] for goal in new]
+        deviations = yield from self.judge.look_between(levels, before)
+        for goal, row, deviation in zip(new, before, deviations, strict=True):
+            alike = [other for other in rows if rows[other] == rows[goal]]  # that it serves as well
+            if row[1] <= goal < deviation[1] and goal not in self.again:
+                self.again.add(goal)
+                self._forget(goal, alike)
+            else:
+                self.looked.add(goal)
+                seen = (*rows[goal][:2], *deviation, *rows[goal][6:])
+                rows.update(dict.fromkeys(alike, seen))
+        return deviations != before
+
+    def _forget(self, goal: float, alike: Sequence[float]) -> None:
+        """Remove a LOD that was made now, and what was measured of the goals that it serves."""
+        for other in alike:
+            del self.measured.rows[other]
+        del self.new_homes[goal]
+        home = self.homes.pop(goal)
+        discard(list(home.objects))
+        removal.remove([home])
 
     def guess(self, group: Group, usual: Sequence[float]) -> Group:
         """Return the group with measured or guessed values of all candidates.

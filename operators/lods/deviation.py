@@ -18,7 +18,7 @@ from ..scene.characters.stored_groups import groups_of, store_groups
 from ..scene.machine.scene_world import actions_named
 from ..scene.scene_crowd import characters_of, home_of
 from .posed_shapes import Posed, PosedMesh, read_shapes, surface_of
-from .posed_surface import Measured, PosedSurface, Worst, compare_surfaces, parts_of
+from .posed_surface import Measured, PosedSurface, compare_surfaces, find_lost, parts_of
 from .poses import choose_poses
 from .shaded_pictures import bodies_of, within
 from .surface import merge
@@ -70,7 +70,6 @@ class Measure:
         self.objects = objects
         self.character = None
         self._levels: dict[tuple[int, ...], PosedSurface] = {}
-        self.worst: Worst | None = None  # of the LOD that was measured last
         self.performance = performance_of(name, list(objects), actions)
         self.frames: list[float] = []
 
@@ -132,12 +131,8 @@ class Measure:
             [tree.find(point)[1] for point in points @ matrix[:3, :3].T + matrix[:3, 3]], np.intp
         )
 
-    def worst_vertices(self) -> list[np.ndarray]:
-        """Return the vertices around the places where the LOD measured last is off most.
-
-        They are the character's: (k,) of each of its objects.
-        """
-        _, pose, places = self.worst
+    def _around(self, pose: int, places: np.ndarray) -> list[np.ndarray]:
+        """Return the character's vertices around places (k, 3) in the pose, (k,) of each object."""
         whole = self.character.surface([pose])
         faces = whole.moving.find(0, places)
         is_around = np.isin(whole.place, whole.moving.triangles[faces])
@@ -172,7 +167,15 @@ class Measure:
         parts = list(zip(parts_of(character, first), parts_of(lod, shapes[0]), strict=True))
         deviations, away = estimate_distances(character.moving, lod.moving, parts, beyond)
         away = np.append(away, 0.0)[character.place]  # loose vertices are at -1
-        return DeviationEstimate(deviations, np.split(away, first.begins[1:-1]))
+        shape_in = dict(zip(run, shapes, strict=True))
+        lost, pose, places = find_lost(self.character, shape_in, min(max(deviations), beyond))
+        away_of = np.split(away, first.begins[1:-1])
+        if lost:
+            for number, vertices in enumerate(self._around(pose, places)):
+                if len(vertices):
+                    away_of[number][vertices] = away_of[number][vertices].clip(lost)
+                    deviations[number] = max(deviations[number], lost)
+        return DeviationEstimate(deviations, away_of)
 
     def whole(self) -> Generator[float, None, Measured]:
         """Return what `level` does of a LOD that is the character itself, without measuring."""
@@ -199,8 +202,7 @@ class Measure:
             raise CrowdError(
                 f"LOD {k} of {self.name} has no face: raise its ratio and press Make LOD Meshes."
             )
-        found, self.worst = compared
-        return found
+        return compared
 
     def look_between(
         self, levels: Sequence[Sequence[bpy.types.Object]], rows: Sequence[Measured]
@@ -226,6 +228,10 @@ class Measure:
         ):
             return rows
         work = Workload(10)
+        for k, lod in zip(indices, lods, strict=True):
+            later = self.frames[len(lod.shapes) :]  # poses that were learned after it was measured
+            for shape in (yield from work.take(read_shapes(levels[k], later, self.performance))):
+                lod.add(shape)
         pairs = yield from work.take(run_in_thread(lambda: _watched_pairs(self.character, lods)))
         with Posed(self.objects, [levels[k] for k in indices], self.performance) as posed:
             off = yield from work.take(look_at(posed, moments, pairs), 8)

@@ -3,6 +3,7 @@
 import time as clock
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import bpy
 import numpy as np
@@ -10,7 +11,7 @@ from mathutils import Matrix, Vector
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.progress import run_in_thread, run_steps_in_thread
-from ...crowd_lod.simplification.decimate import decimating
+from ...crowd_lod.simplification.decimate import Decimation
 from ..blender import mesh_data, removal
 from ..blender.animation import armatures_of
 from ..blender.mesh_data import count_triangles
@@ -128,9 +129,12 @@ def _make_mesh(source: sources.Source, ratio: float) -> Generator[None, None, _M
         return _Made(mesh, source.weights, "WHOLE", why, 0.0)
     start = clock.perf_counter()
     charts = yield from charting(source)
-    telling = yield from run_in_thread(lambda: source.telling)
-    about = charts.seams, telling, source.share, source.weight
-    result = yield from run_steps_in_thread(decimating(source.geometry, ratio, name, *about))
+    if source.decimation is None:
+        preparing = partial(Decimation, source.geometry, name, charts.seams)
+        source.decimation = yield from run_in_thread(
+            lambda: preparing(source.telling, source.share)
+        )
+    result = yield from run_steps_in_thread(source.decimation.lod(ratio, source.weight))
     spent = clock.perf_counter() - start
     yield
     start = clock.perf_counter()

@@ -216,13 +216,13 @@ def _choose(
     """Choose LODs, some by what is guessed of them; yields the progress.
 
     One that was chosen by a guess is measured, and all are chosen again, until all that are chosen
-    are measured. Returns the choice.
+    are measured, and stay as they are between the poses. Returns the choice.
     """
     settings = scene.crowd_lod
     limits = selection.Limits(settings.tolerance, settings.memory, budget_of(settings))
     choice = None
-    missing = True
-    while missing:
+    is_open = True
+    while is_open:
         usual = [lost for ladder in ladders for lost in ladder.measured.lost()]
         guesses = [
             cover_sizes(ladder.guess(group, usual))
@@ -258,6 +258,11 @@ def _choose(
         )
         for ladder, k in missing[:1]:  # it says more of the others
             yield from work.take(ladder.measure(ladder.goals[k]), ladder.costs.make)
+        is_open = bool(missing)
+        if not is_open:
+            for ladder, kept in zip(ladders, choice.keep, strict=True):
+                looking = ladder.look_between([ladder.goals[k] for k in kept])
+                is_open |= yield from work.take(looking, ladder.costs.look)
     return choice
 
 

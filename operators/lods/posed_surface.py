@@ -1,6 +1,6 @@
 """A character or a LOD in all poses, how far two of them are apart, and where most."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -30,9 +30,6 @@ LARGE = 1 / 64  # part of the size: estimates look within triangles with longer 
 
 # deviation, bound, root mean square (meters), and the moment of the worst pose
 Measured = tuple[float, float, float, float]
-# how far a LOD and its character are apart at most, in which pose, and where, (k, 3) meters: at one
-# place, or at all thin parts that the LOD has lost
-Worst = tuple[float, int, np.ndarray]
 
 
 class PosedSurface:
@@ -149,8 +146,8 @@ def large_pieces(surface: MovingSurface) -> np.ndarray:
 
 def compare_surfaces(
     character: PosedSurface, other: PosedSurface, frames: Sequence[float]
-) -> tuple[Measured, Worst] | None:
-    """Return what is measured of a LOD, and where it is farthest off.
+) -> Measured | None:
+    """Return what is measured of a LOD.
 
     frames: of the poses. None where no pose shows both.
     """
@@ -166,27 +163,23 @@ def compare_surfaces(
                 np.array_equal(*columns)
                 for columns in zip(*((m.points, m.triangles) for m in pair), strict=True)
             ):
-                results.append((0.0, 0.0, shared[0], pair[0].points[:1, 0]))
+                results.append((0.0, 0.0, shared[0]))
                 continue
             apart = bound_distance(*pair)
             _count_shown(pair[0], surfaces[1], other.shapes[shared[0]].hiding, apart)
             pose = shared[apart.pose]
-            lost, lost_in, lost_at = _find_lost(character, other, shared, apart.bound)
+            shape_in = {k: other.shapes[k] for k in shared}
+            lost, lost_in, _ = find_lost(character, shape_in, apart.bound)
             posed = [Surface(m.points[:, apart.pose], m.triangles) for m in pair]
             rms = spread(*posed, [m.counted for m in pair], SAMPLES)
-            if lost > apart.measured:
-                results.append((lost, rms, lost_in, lost_at))
-            else:
-                results.append((apart.measured, rms, pose, apart.place[None]))
+            results.append(
+                (lost, rms, lost_in) if lost > apart.measured else (apart.measured, rms, pose)
+            )
             bound = max(bound, apart.bound, lost)
     if not results:
         return None
-    most, rms, pose, places = max(results, key=lambda result: result[:3])
-    return (most, float(bound) * (1 + BETWEEN * (len(frames) > 1)), rms, frames[pose]), (
-        most,
-        pose,
-        places,
-    )
+    most, rms, pose = max(results)
+    return most, float(bound) * (1 + BETWEEN * (len(frames) > 1)), rms, frames[pose]
 
 
 def _count_shown(
@@ -224,19 +217,21 @@ def _count_shown(
     lod.counted |= counts
 
 
-def _find_lost(
-    character: PosedSurface, other: PosedSurface, poses: list[int], bound: float
+def find_lost(
+    character: PosedSurface, shape_in: Mapping[int, PosedMesh], bound: float
 ) -> tuple[float, int, np.ndarray]:
     """How far thin parts of the character are from where a LOD shows (thin_parts.find_unseen).
 
+    shape_in: the LOD in each pose. bound: meters, how far the two are apart.
     Returns meters, the pose, and the places (k, 3) that are lost there. A part that is lost is lost
     in all poses, so a few poses tell how far.
     """
+    poses = list(shape_in)
     most = 0.0
     pose_of_most = poses[0]
     lost = np.zeros((0, 3))
     for pose in poses[:: max(1, len(poses) // LOST_IN)]:
-        surface = surface_of(other.shapes[pose])
+        surface = surface_of(shape_in[pose])
         if surface is not None:
             away, places = thin_parts.find_unseen(
                 character.samples(pose), surface.facing, surface.meets, bound

@@ -13,7 +13,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ...crowd_lod.levels.selection import read_curve
+from ...crowd_lod.levels.selection import LEAST_SAVED, read_curve
 from ...crowd_lod.progress import Workload, run_in_thread
 from .deviation import DeviationEstimate, Measure
 from .dispensable import find_dispensable
@@ -24,17 +24,17 @@ LEFT = 0.1  # part of a search that is left after the first measurement of the w
 FITTED = 0.72  # part of a try of a length after which the whole is measured
 LEFT_OF_ROUND = 0.5  # part of the tries that is left after one, on average
 TRIED = 0.4  # part of such a round that making takes; the rest is to estimate what was made
-ROUNDS = 5  # tries of a length, at most, before the whole is measured
-# The whole is measured so many times at most. Each time tries aim at the length divided by this:
-# where no estimate sees what is lost, such as an arm, more triangles keep it.
-SAFE = 1.0, 1.0, 1.0, 1.3, 2.6
+MOST_TRIES = 5  # of a length, at most, before the whole is measured
+MEASURES = 3  # of the whole, at most
 CLOSE = 0.92  # a LOD that deviates by this part of the length is not made coarser
+TRIES = 4  # of a length, after which ROUGH, a smaller part, will do
+ROUGH = 0.8
 AIM = 0.96  # part of the length that tries aim at, between CLOSE and 1
-# A try has at least STEP, at most MOST_STEP times as many triangles as those before, or as few. In
-# between earlier tries it differs by WIDE at most.
+# A try has at least STEP, at most MOST_STEP times as many triangles as those before, or as few.
+# Where none of them fits, and the curve tells of no other, it has at least MORE times as many.
 STEP = 1.08
 MOST_STEP = 6.0
-WIDE = 2.0
+MORE = 1.25
 USUAL = 1.08  # usual bound of a LOD, as a multiple of its estimated deviation
 # Where only this part of a try's vertices is too far off, these vertices, its spots, weigh HEAVIER
 # in the next tries. With more spots, or heavier ones, more is lost beside them than won at them. A
@@ -55,7 +55,7 @@ class Try:
 
     item: it; vertices, triangles: how many it has; ratio: the part of the triangles asked for;
     weighed: whether spots were heavier; deviation: meters, as estimated.
-    away: (n,) meters, that of each vertex of the source; poses: in how many.
+    away: (n,) meters, that of each vertex of the source.
     """
 
     item: bpy.types.Object
@@ -65,7 +65,6 @@ class Try:
     weighed: bool = False
     deviation: float = 0.0
     away: np.ndarray = field(default_factory=lambda: np.zeros(1))
-    poses: int = 0
 
     @property
     def reachable(self) -> float:
@@ -85,7 +84,7 @@ class LodCurve:
     source: the object's.
     known_tries: of all lengths.
     tries: those of this length, whose objects are still there.
-    weighed: whether spots are heavier, for this length.
+    weighed: whether heavier spots were tried, for this length.
     dispensable: whether its LODs leave the object out.
     evaluated: (n,) which vertex of the evaluated object each of the source's is; None before that
     is asked for.
@@ -121,9 +120,13 @@ class LodCurve:
         """
         least = length / MOST_STEP
         tries = [attempt for attempt in self.known_tries if attempt.deviation > least]
-        return [
+        pairs = [
             (max(attempt.deviation if self.weighed else attempt.likely, least), attempt.ratio)
             for attempt in tries or self.known_tries
+        ]
+        # a try says nothing beside one of fewer triangles that is nearer
+        return [
+            (off, part) for off, part in pairs if not any(o < off and p < part for o, p in pairs)
         ]
 
     def best(self, length: float) -> Try:
@@ -150,6 +153,12 @@ class LodCurve:
         self.weighed = True
         return last.ratio
 
+    def _keep_weights_that_help(self) -> None:
+        """Let all weigh alike again, where a LOD with heavier spots was no nearer than before."""
+        *_, before, last = [None, *self.tries]
+        if before and last.weighed > before.weighed and last.deviation >= before.deviation:
+            self.source.weight = None
+
     def next_try(self, length: float, about: float) -> float | None:
         """Return the ratio to try next; None if the best try will do.
 
@@ -162,7 +171,9 @@ class LodCurve:
             return about
         if not self.tries:
             return self.ratio_for(length)
-        if CLOSE * length <= self.best(length).deviation <= length:
+        self._keep_weights_that_help()
+        near_enough = CLOSE if len(self.tries) < TRIES else ROUGH
+        if near_enough * length <= self.best(length).deviation <= length:
             return None
         return self._apart(self.weigh_spots(length) or self.ratio_for(length), length)
 
@@ -181,12 +192,13 @@ class LodCurve:
 
     def _apart(self, ratio: float, length: float) -> float | None:
         """Return `ratio`, or a greater one if it was tried; None if there is nothing to try."""
-        tried = [attempt.ratio for attempt in self.tries if attempt.weighed == self.weighed]
+        weighs = self.source.weight is not None
+        tried = [attempt.ratio for attempt in self.tries if attempt.weighed == weighs]
         if any(ratio / STEP < other < ratio * STEP for other in tried):
             if self.best(length).deviation <= length or max(tried) == 1.0:
                 return None
             nearest = min(attempt.reachable for attempt in self.tries)
-            return min(1.0, max(tried) * min(max(nearest / length, STEP**2), WIDE))
+            return min(1.0, max(tried) * float(np.clip(nearest / length, MORE, MORE**3)))
         return ratio
 
 
@@ -205,111 +217,61 @@ class Search:
         self.nearness = 1.0  # see NEAREST
 
     def find(
-        self, length: float, about: float
-    ) -> Generator[float, None, tuple[list[Try], Figures]]:
-        """Find the LOD of fewest triangles whose bound is `length` meters at most.
+        self, length: float, about: float, most: int
+    ) -> Generator[float, None, tuple[list[Try], Figures] | None]:
+        """Find the LOD of few triangles whose bound is `length` meters at most.
 
-        about: the part of the triangles that it takes, as far as is known.
-        Yields the progress. Returns its objects and what was measured of them. Where none fits,
-        these are the character's own.
+        about: the part of the triangles that it takes, as far as is known; most: the triangles of
+            what is there already and deviates by no more. A LOD must save LEAST_SAVED of them.
+
+        Tries aim at the length. Where the whole is then farther off than they were estimated,
+        estimates count as much more. Yields the progress. Returns the LOD's objects and what was
+        measured of them, or None where none is worth it.
         """
         work = Workload(1)
         yield from work.take(self._leave_out(length / USUAL))
-        fitting = yield from work.take(self._fitting(length, about), 1)
-        if fitting is None:
-            objects = yield from work.take(self._whole())
-            fitting = objects, (yield from work.take(self._measure(objects, length)))
+        usual = USUAL
+        measured_before: list[list[Try]] = []
+        fitting = None
+        for _ in range(MEASURES):
+            aim = length / usual
+            cost = (1 - LEFT) * work.left
+            yield from work.take(self._fit(aim, about, (1 - LEAST_SAVED) * most), FITTED * cost)
+            if not all(curve.tries for curve in self.curves):
+                break
+            objects = self._best(aim)
+            estimated = max(attempt.deviation for attempt in objects)
+            if objects in measured_before or estimated > aim:
+                break
+            measured_before.append(objects)
+            items = [attempt.item for attempt in objects]
+            measured = yield from work.take(self.by.level(items, 1), (1 - FITTED) * cost)
+            if measured[1] <= length:
+                fitting = objects, measured
+                break
+            usual = max(usual, measured[1] / max(estimated, BELOW * length))
+            self._mend_left_out(aim)
         for curve in self.curves:
-            curve.end_length(fitting[0])
+            curve.end_length(fitting[0] if fitting else ())
         return fitting
 
-    def _fitting(
-        self, length: float, about: float
-    ) -> Generator[float, None, tuple[list[Try], Figures] | None]:
-        """Find a LOD whose bound is `length` meters at most, as `find` does; None if none fits.
-
-        The tries aim at the length first. Where the whole is then farther off than they were
-        estimated, they learn from it, and aim at less the next time.
-        """
-        measured_before: list[list[Try]] = []
-        work = Workload(1)
-        for finer in SAFE:
-            cost = (1 - LEFT) * work.left
-            aim = length / (USUAL * finer)
-            yield from work.take(self._fit(aim, about), FITTED * cost)
-            objects = self._best(aim)
-            if objects in measured_before:
-                continue
-            measured_before.append(objects)
-            measured = yield from work.take(self._measure(objects, length), (1 - FITTED) * cost)
-            if measured[1] <= length:
-                return objects, measured
-            yield from work.take(self._learn(objects, aim, measured[1] / USUAL))
-            self._mend_left_out(aim)
-        return None
-
-    def _measure(self, objects: list[Try], length: float) -> Generator[float, None, Figures]:
-        """Measure a LOD; if it fits `length` in the poses, then also in frames between them.
-
-        Yields the progress.
-        """
-        items = [attempt.item for attempt in objects]
-        work = Workload(2)
-        measured = yield from work.take(self.by.level(items, 1), 1)
-        if measured[1] <= length:
-            (measured,) = yield from work.take(self.by.look_between([items], [measured]), 1)
-        return measured
-
-    def _learn(self, objects: list[Try], aim: float, deviation: float) -> Iterator[float]:
-        """Note that a LOD deviates by more than its estimate, as the whole measure has found.
-
-        Its worst place is in a frame that was found just now, or where no estimate looks: between
-        samples, or at thin parts that are lost. Coarser tries count as no nearer. Yields between
-        steps.
-
-        aim, deviation: meters, as estimates are.
-        """
-        before = [attempt.deviation for attempt in objects]
-        if any(attempt.poses < len(self.by.frames) for attempt in objects):
-            estimate = yield from self.by.estimate([attempt.item for attempt in objects], aim)
-            for number, attempt in enumerate(objects):
-                yield from self._note(number, attempt, estimate)
-            missed = [int(np.argmax(estimate.deviations))]
-        else:
-            around = yield from run_in_thread(self.by.worst_vertices)
-            missed = [number for number, vertices in enumerate(around) if len(vertices)]
-            for number in missed:
-                if self.curves[number].count:
-                    spots = np.isin(self.curves[number].evaluated, around[number])
-                    objects[number].away[spots] = deviation
-        for number in missed:
-            worst = objects[number]
-            worst.deviation = max(worst.deviation, deviation)
-            for other in self.curves[number].tries:
-                if other.poses < len(self.by.frames):  # others are as much farther off there, about
-                    other.deviation *= worst.deviation / max(before[number], aim / MOST_STEP)
-                if other.ratio < worst.ratio:
-                    other.deviation = max(other.deviation, worst.deviation)
-
-    def _whole(self) -> Generator[float, None, list[Try]]:
-        """Make the objects of the character itself, as no LOD fits."""
-        return (yield from self._try([1.0] * len(self.curves)))
-
-    def _fit(self, length: float, about: float) -> Generator[float, None, None]:
+    def _fit(self, length: float, about: float, most: float) -> Generator[float, None, None]:
         """Try until each object's best try deviates by about `length`, as estimated.
 
-        Yields the progress.
+        Yields the progress. Ends where that would take more than `most` triangles.
         """
         work = Workload(1)
-        for k in range(ROUNDS):
+        for k in range(MOST_TRIES):
             cost = (1 - LEFT_OF_ROUND) * work.left
             near = length * self.nearness
             plans = [curve.next_try(near, about) for curve in self.curves]
             if all(ratio is None for ratio in plans):
                 missed = yield from work.take(self._miss_left_out(length))
-                if k + 1 == ROUNDS or not missed:
+                if k + 1 == MOST_TRIES or not missed:
                     return
                 continue
+            if self._triangles(plans, near) > most:
+                return
             attempts = yield from work.take(self._try(plans), TRIED * cost)
             objects = [
                 new or curve.best(near) for new, curve in zip(attempts, self.curves, strict=True)
@@ -323,6 +285,13 @@ class Search:
                     yield from work.take(self._note(index, new, estimate))
                     if not curve.dispensable:
                         curve.known_tries.append(new)
+
+    def _triangles(self, plans: Sequence[float | None], length: float) -> float:
+        """Return how many triangles the LOD has for which this is planned."""
+        return sum(
+            curve.best(length).triangles if ratio is None else ratio * curve.count
+            for ratio, curve in zip(plans, self.curves, strict=True)
+        )
 
     def _best(self, length: float) -> list[Try]:
         """Return the best try of each object for a LOD that deviates by `length` at most."""
@@ -389,7 +358,6 @@ class Search:
         Yields between steps.
         """
         curve = self.curves[number]
-        attempt.poses = len(self.by.frames)
         attempt.deviation = estimate.deviations[number]
         if not curve.count:
             return
@@ -407,7 +375,7 @@ class Search:
             new = None
             if ratio is not None:
                 made = yield from work.take(self.make(curve.source, ratio))
-                new = Try(*made, ratio, curve.weighed)
+                new = Try(*made, ratio, curve.source.weight is not None)
                 curve.tries.append(new)
             attempts.append(new)
             yield work.did(1)

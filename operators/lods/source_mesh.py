@@ -12,6 +12,7 @@ import numpy as np
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
 from ...crowd_lod.progress import finished
+from ...crowd_lod.simplification.decimate import Decimation
 from ...crowd_lod.simplification.pose_deformation import Skin
 from ..blender import mesh_data, removal
 from ..blender.animation import armatures_of, curves_of
@@ -58,6 +59,7 @@ class Source:
     share: its part of the character's triangles, from 0 to 1.
     weight: (n,) how much each vertex counts in decimation, see simplification.decimate; None for
         all alike.
+    decimation: what makes its LODs' meshes, made when first needed; None before.
     """
 
     item: bpy.types.Object
@@ -69,6 +71,7 @@ class Source:
     skin: Skin | None = None
     share: float = 1.0
     weight: np.ndarray | None = None
+    decimation: Decimation | None = None
 
     @cached_property
     def geometry(self) -> mesh_data.ReadMesh:

@@ -2,9 +2,10 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.mesh import Mesh
+from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.simplification import decimate as decimation
 from crowd_lod_extension.crowd_lod.simplification.collapse_choice import quadrics_of
-from crowd_lod_extension.crowd_lod.simplification.decimate import decimate
+from crowd_lod_extension.crowd_lod.simplification.decimate import Decimation, decimate
 from crowd_lod_extension.crowd_lod.simplification.triangle_mesh import constrained_edges
 
 pytestmark = pytest.mark.once
@@ -61,6 +62,15 @@ def test_places_that_weigh_more_keep_more_triangles():
             (lod.points[lod.triangles][:, :, 0].mean(axis=1) > 1.2).sum() / len(lod.triangles)
         )
     assert counts[1] > 1.2 * counts[0]
+
+
+def test_a_lod_is_the_same_whichever_were_made_before():
+    points, triangles = torus()
+    made = Decimation(Mesh(points, triangles), "torus", effort=0.1)
+    lods = [finished(made.lod(ratio)) for ratio in (0.05, 0.3, 0.12)]
+    alone = decimate(Mesh(points, triangles), 0.12, "torus", effort=0.1)
+    for one, other in zip(vars(lods[-1]).values(), vars(alone).values(), strict=True):
+        assert np.array_equal(one, other)
 
 
 def test_one_triangle_survives_any_ratio():
