@@ -121,6 +121,9 @@ class Collapsing:
     def down_to(self, target: int, until: int = 0) -> Iterator[None]:
         """Collapse edges until at most `target` triangles are left, or as few as may be.
 
+        until: stops on the way there, once there are no more than these. So a mesh that goes on
+            from there takes the rounds that it would have taken without the stop.
+
         Yields between the rounds.
         """
         while (excess := self.triangles - target) > 0 and self.triangles > until:

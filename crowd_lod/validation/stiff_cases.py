@@ -1,4 +1,4 @@
-"""Extreme cases of steps, as a table of crowds: a walk, as frames run it, beside the exact judge."""
+"""Extreme cases of steps, a table of crowds: a walk as frames run it, beside the exact judge."""
 
 import json
 from collections.abc import Iterator

@@ -23,7 +23,9 @@ ABOUT = {
     ),
     "plan": "decide on all LODs of a shot at once, with few switches in sight",
     "sample": "write a sample scene as a .blend file",
-    "scene": "make a scene of trajectories, or of an object's points, with the characters of a file",
+    "scene": (
+        "make a scene of trajectories, or of an object's points, with the characters of a file"
+    ),
     "simulate": (
         "write the scene with its crowds simulated by JuPedSim, and their trajectories beside it"
     ),

@@ -17,6 +17,7 @@ READ = 0.11  # its meshes in all poses
 SEARCH = 2.3  # finding the LOD of a length
 MAKE = 0.4  # making the LOD of a ratio, and measuring it
 LOOK = 0.07  # looking at the LOD of a ratio between the poses
+LOOK_SEARCHED = 1.0  # looking at the LODs that a character's searches have found
 FURTHER = 0.35  # searches that the result of a search calls for, on average
 
 
@@ -55,7 +56,7 @@ class LodCosts:
     @property
     def look(self) -> float:
         """That of looking at all LODs between the poses."""
-        return 0.0 if self.searched else self._size * LOOK * self.count
+        return self._size * (LOOK_SEARCHED if self.searched else LOOK * self.count)
 
     @property
     def expected(self) -> float:

@@ -290,7 +290,6 @@ def _make_missing(
             edited.append(ladder.name)
         for goal in missing:
             yield from work.take(ladder.make(goal), ladder.costs.make)
-        yield from work.take(ladder.look_between(goals), ladder.costs.look)
         homes.append([ladder.homes[goal] for goal in goals])
         yield from work.take(ladder.mark_as_made(homes[-1]))
         used_homes.update(homes[-1])

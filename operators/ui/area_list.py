@@ -8,7 +8,7 @@ from ..blender.operator import Reporting
 from ..scene.machine import map_areas
 from ..scene.machine.machine_editor import draft_of, selected_name
 from ..settings.crowds import active_crowd, active_or_new
-from .settings_list import Moving, Removing, SwitchedRow, draw_list
+from .settings_list import Moving, OfActiveCrowd, Removing, SwitchedRow, draw_list
 
 
 class CROWDLOD_UL_areas(SwitchedRow, bpy.types.UIList):
@@ -51,18 +51,11 @@ class CROWDLOD_OT_add_area(Reporting, bpy.types.Operator):
         return f"{', '.join(item.name for item in items)}: {label}; {lie} under areas."
 
 
-class _OfAreas:
+class _OfAreas(OfActiveCrowd):
     """What the buttons of the list share."""
 
     kind = "area"
     needs = (_some,)
-
-    @staticmethod
-    def holder(scene: bpy.types.Scene) -> bpy.types.PropertyGroup:
-        return scene.crowd_lod_editor
-
-    def rows(self, scene: bpy.types.Scene) -> bpy.types.bpy_prop_collection:
-        return active_crowd(scene.crowd_lod).areas
 
     def changed(self, scene: bpy.types.Scene) -> None:
         map_areas.follow_soon(scene)

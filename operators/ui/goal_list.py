@@ -10,7 +10,7 @@ from ..scene.sources.simulation_sites import lacking
 from ..settings.crowd_settings import may_be_goal
 from ..settings.crowds import active_crowd, active_or_new
 from .drawing import active_column, button, label
-from .settings_list import Removing, draw_list
+from .settings_list import OfActiveCrowd, Removing, draw_list
 
 
 class CROWDLOD_UL_goals(bpy.types.UIList):
@@ -51,20 +51,13 @@ class CROWDLOD_OT_add_goal(Reporting, bpy.types.Operator):
         return f"Added as goals: {', '.join(item.name for item in items)}."
 
 
-class CROWDLOD_OT_remove_goal(Removing, bpy.types.Operator):
+class CROWDLOD_OT_remove_goal(OfActiveCrowd, Removing, bpy.types.Operator):
     """Remove the selected goal"""
 
     bl_idname = "crowd_lod.remove_goal"
     bl_label = "Remove Goal"
     kind = "goal"
     needs = (_some,)
-
-    @staticmethod
-    def holder(scene: bpy.types.Scene) -> bpy.types.PropertyGroup:
-        return scene.crowd_lod_editor
-
-    def rows(self, scene: bpy.types.Scene) -> bpy.types.bpy_prop_collection:
-        return active_crowd(scene.crowd_lod).goals
 
 
 def draw_simulation(layout, context, crowd) -> None:

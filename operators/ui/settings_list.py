@@ -4,6 +4,7 @@ import bpy
 
 from ..blender.labeled_properties import IntProperty
 from ..blender.operator import Reporting
+from ..settings.crowds import active_crowd
 
 
 class Listed(Reporting):
@@ -31,6 +32,19 @@ class Listed(Reporting):
 
     def select(self, scene: bpy.types.Scene, index: int) -> None:
         setattr(self.holder(scene), f"{self.kind}_index", index)
+
+
+class OfActiveCrowd:
+    """Mix-in, before the others, for a button of a list that the active crowd has."""
+
+    kind = ""
+
+    @staticmethod
+    def holder(scene: bpy.types.Scene) -> bpy.types.PropertyGroup:
+        return scene.crowd_lod_editor
+
+    def rows(self, scene: bpy.types.Scene) -> bpy.types.bpy_prop_collection:
+        return getattr(active_crowd(scene.crowd_lod), f"{self.kind}s")
 
 
 class Removing(Listed):
