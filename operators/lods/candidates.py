@@ -70,7 +70,7 @@ MOST_GOALS = 100  # whose measurements are kept
 LEAST_TRIANGLES = 300  # a character of fewer needs no LOD, and is not worth a search
 FOLLOWING = 0.5  # by distance, the LOD after a given one has at most this part of its triangles
 DIGITS = 12  # of a hash: as many as a goal can hold
-VERSION = 30  # of the code that makes LOD meshes: with another one they are made anew
+VERSION = 31  # of the code that makes LOD meshes: with another one they are made anew
 
 
 def _untouched(home: bpy.types.Collection) -> bool:
@@ -265,6 +265,18 @@ class Ladder:
         )
         self.reach = tuple(reach[-4:]) if plain and reach[:-4] == self.place else None
 
+    def serving(self, goal: float) -> float:
+        """Return the goal of the LOD that serves `goal`.
+
+        That is another's where the search found none that is worth it.
+        """
+        return min((other for other in self._alike(goal) if 0 <= other <= goal), default=goal)
+
+    def _alike(self, goal: float) -> list[float]:
+        """Return the goals that the LOD of `goal` serves, itself too; none if unmeasured."""
+        rows = self.measured.rows
+        return [other for other in rows if rows[other] == rows.get(goal)]
+
     def make(self, goal: float) -> Iterator[float]:
         """Make the LOD for `goal`; by tolerance also measure it."""
         if self.searched and goal > 0:
@@ -340,9 +352,10 @@ class Ladder:
         rows = self.measured.rows
         fitting = [goal for goal, row in rows.items() if 0 <= goal < length and row[3] <= length]
         serving = rows[min(fitting, key=lambda goal: rows[goal][1])]
+        alike = self._alike(length)
         found = yield from work.take(self.search.find(length, ratio, int(serving[1])), 1)
         if found is None:
-            rows[length] = serving
+            rows.update(dict.fromkeys([length, *alike], serving))
             return
         tries, deviation = found
         for attempt, source in zip(tries, self.sources, strict=True):
@@ -355,6 +368,7 @@ class Ladder:
         vertices = sum(attempt.vertices for attempt in tries)
         triangles = sum(attempt.triangles for attempt in tries)
         yield from work.take(self._note(length, (vertices, triangles), deviation))
+        rows.update(dict.fromkeys(alike, rows[length]))
 
     def _keep(
         self,
@@ -363,7 +377,7 @@ class Ladder:
         items: Sequence[bpy.types.Object],
     ) -> None:
         """Put a LOD's objects, made of the `originals`, into a collection of their own."""
-        k = self.goals.index(goal)
+        k = len(self.homes)
         home = bpy.data.collections.new(f"{self.name} LOD {k}")
         for original, item in zip(originals, items, strict=True):
             home.objects.link(item)
@@ -406,19 +420,18 @@ class Ladder:
         before = [rows[goal][2:6] for goal in new]
         deviations = yield from self.judge.look_between(levels, before)
         for goal, row, deviation in zip(new, before, deviations, strict=True):
-            alike = [other for other in rows if rows[other] == rows[goal]]  # that it serves as well
             if row[1] <= goal < deviation[1] and goal not in self.again:
                 self.again.add(goal)
-                self._forget(goal, alike)
+                self._forget(goal)
             else:
                 self.looked.add(goal)
                 seen = (*rows[goal][:2], *deviation, *rows[goal][6:])
-                rows.update(dict.fromkeys(alike, seen))
+                rows.update(dict.fromkeys(self._alike(goal), seen))
         return deviations != before
 
-    def _forget(self, goal: float, alike: Sequence[float]) -> None:
+    def _forget(self, goal: float) -> None:
         """Remove a LOD that was made now, and what was measured of the goals that it serves."""
-        for other in alike:
+        for other in self._alike(goal):
             del self.measured.rows[other]
         del self.new_homes[goal]
         home = self.homes.pop(goal)

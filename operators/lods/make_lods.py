@@ -261,7 +261,7 @@ def _choose(
         is_open = bool(missing)
         if not is_open:
             for ladder, kept in zip(ladders, choice.keep, strict=True):
-                looking = ladder.look_between([ladder.goals[k] for k in kept])
+                looking = ladder.look_between([ladder.serving(ladder.goals[k]) for k in kept])
                 is_open |= yield from work.take(looking, ladder.costs.look)
     return choice
 
@@ -283,14 +283,15 @@ def _make_missing(
     for g, (ladder, kept) in enumerate(zip(ladders, keep, strict=True)):
         ladder.find(earlier, used_homes)
         goals = [ladder.goals[k] for k in kept]
-        missing = [goal for goal in goals if goal not in ladder.homes]
+        missing = [goal for goal in map(ladder.serving, goals) if goal not in ladder.homes]
         if ladder.has_earlier(earlier, missing) and ladder.digest not in [
             each.digest for each in ladders[:g]
         ]:
             edited.append(ladder.name)
-        for goal in missing:
-            yield from work.take(ladder.make(goal), ladder.costs.make)
-        homes.append([ladder.homes[goal] for goal in goals])
+        for goal in goals:
+            while ladder.serving(goal) not in ladder.homes:  # another may serve it, made anew
+                yield from work.take(ladder.make(ladder.serving(goal)), ladder.costs.make)
+        homes.append([ladder.homes[ladder.serving(goal)] for goal in goals])
         yield from work.take(ladder.mark_as_made(homes[-1]))
         used_homes.update(homes[-1])
     return homes, edited

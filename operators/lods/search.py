@@ -230,13 +230,15 @@ class Search:
         """
         work = Workload(1)
         yield from work.take(self._leave_out(length / USUAL))
+        worth = (1 - LEAST_SAVED) * most
+        about = min(about, worth / sum(curve.count for curve in self.curves))
         usual = USUAL
         measured_before: list[list[Try]] = []
         fitting = None
         for _ in range(MEASURES):
             aim = length / usual
             cost = (1 - LEFT) * work.left
-            yield from work.take(self._fit(aim, about, (1 - LEAST_SAVED) * most), FITTED * cost)
+            yield from work.take(self._fit(aim, about, worth), FITTED * cost)
             if not all(curve.tries for curve in self.curves):
                 break
             objects = self._best(aim)
@@ -258,7 +260,7 @@ class Search:
     def _fit(self, length: float, about: float, most: float) -> Generator[float, None, None]:
         """Try until each object's best try deviates by about `length`, as estimated.
 
-        Yields the progress. Ends where that would take more than `most` triangles.
+        Yields the progress. Ends where that would take more than `most` triangles, as tries tell.
         """
         work = Workload(1)
         for k in range(MOST_TRIES):
@@ -270,7 +272,8 @@ class Search:
                 if k + 1 == MOST_TRIES or not missed:
                     return
                 continue
-            if self._triangles(plans, near) > most:
+            is_known = any(curve.known_tries for curve in self.curves)
+            if is_known and self._triangles(plans, near) > most:
                 return
             attempts = yield from work.take(self._try(plans), TRIED * cost)
             objects = [

@@ -49,6 +49,14 @@ def test_no_lod_is_found_where_none_would_save_enough(ball):
     assert finished(search.find(0.03, 0.5, 200)) is None
 
 
+def test_a_guess_of_too_many_triangles_ends_no_search(ball):
+    """One of a twentieth of them is found, though twice as many as there are are guessed."""
+    search = Search([read_source(ball)], make_object, Measure("ball", [ball]))
+    whole = len(ball.data.polygons)
+    (attempt,), (_, bound, *_) = finished(search.find(0.03, 2.0, whole))
+    assert bound <= 0.03 and attempt.triangles < 0.05 * whole
+
+
 def folded(name, faces):
     """Return a square of 1 m with two opposite corners raised, cut along one of its diagonals."""
     mesh = bpy.data.meshes.new(name)

@@ -8,9 +8,12 @@ import pytest
 from bpy_extras.object_utils import world_to_camera_view
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.messages import from_json
+from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender.mesh_data import count_triangles
 from crowd_lod_extension.operators.build import render_setup
+from crowd_lod_extension.operators.lods.candidates import CANDIDATE, MEASURED
 from crowd_lod_extension.operators.lods.make_lods import make_levels
+from crowd_lod_extension.operators.lods.measurements import COLUMNS
 from crowd_lod_extension.operators.scene import scene_crowd
 from crowd_lod_extension.operators.scene.characters import stored_groups
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
@@ -150,3 +153,20 @@ def test_a_still_character_without_an_armature(tolerant):
         group.triangles[0] == 20 * 4**4 and len(group.triangles) >= 2 and set(group.worst) == {1.0}
     )
     assert (np.diff(group.deviations) > 0).all()
+
+
+@pytest.mark.once
+def test_a_lod_that_serves_a_longer_length_is_found_again(made):
+    """As where the search for that length found none that saves enough."""
+    levels = made.crowd_lod.levels.children
+    finest, coarsest = (level.children[0] for level in (levels[0], levels[-1]))
+    measured = finest[MEASURED].to_dict()
+    row = measured[CANDIDATE].index(coarsest[CANDIDATE])
+    coarsest[CANDIDATE] *= 0.9
+    for name in COLUMNS:
+        measured[name] = [*measured[name], measured[name][row]]
+    measured[CANDIDATE] = [*measured[CANDIDATE], coarsest[CANDIDATE]]
+    finest[MEASURED] = measured
+    before = set(made.crowd_lod.levels.all_objects)
+    outcome = finished(make_levels(made))
+    assert outcome.new == () and set(made.crowd_lod.levels.all_objects) == before
