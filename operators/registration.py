@@ -33,15 +33,21 @@ from .ui import (
     agent_overrides,
     area_list,
     crowd_list,
+    crowd_panels,
+    delivery_panels,
     drawing,
     goal_list,
+    group_list,
+    lod_panels,
     machine_panels,
     manual,
     menus,
+    overlay_panel,
     override_list,
     panels,
     popovers,
     shot_panels,
+    wardrobe_panel,
 )
 from .viewport import agent_picker, playblast, viewport_overlay
 
@@ -81,14 +87,20 @@ MODULES = (
     agent_picker,
     presets,
     popovers,
-    manual,
     menus,
     action_menu,
-    panels,
-    machine_panels,
     crowd_list,
     goal_list,
+    group_list,
+    # the panels, in their order
+    panels,
+    crowd_panels,
+    machine_panels,
+    wardrobe_panel,
+    lod_panels,
     shot_panels,
+    delivery_panels,
+    overlay_panel,
 )
 CLASSES = tuple(c for module in MODULES for c in module.CLASSES)
 HANDLERS = {

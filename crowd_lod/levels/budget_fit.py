@@ -241,7 +241,7 @@ def _impossible(exceeded: dict[str, float]) -> str:
         f"{LIMITED[name][0]} to {LIMITED[name][1](value)}" for name, value in least.items()
     )
     return (
-        f"The budget is impossible with the coarsest LODs that can be made: in the panel Budget "
+        f"The budget is impossible with the coarsest LODs that can be made: in Shot > Budget "
         f"set {settings} or more."
     )
 

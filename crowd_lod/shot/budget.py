@@ -136,7 +136,7 @@ def _check(shot: Shot, limits: _BudgetLimits) -> None:
     wide = relaxed(shot, inf)
     agents = wide.least_shown
     everyone = (
-        "with the coarsest LODs that are made and allowed: raise it in the panel Budget, or press "
+        "with the coarsest LODs that are made and allowed: raise it in Shot > Budget, or press "
         "Make LOD Meshes, which by tolerance makes LODs for the budget."
     )
     for name, most, loads in zip(limits.names, limits.most, limits.loads(agents).T, strict=True):

@@ -24,7 +24,9 @@ def add_aovs(scene: bpy.types.Scene) -> str:
         scene.view_layers[name] for name, place in layers_of(scene).items() if not place.exclude
     ]
     if not layers:
-        raise CrowdError("No view layer shows the build: switch one on in View Layers.")
+        raise CrowdError(
+            "No view layer shows the build: switch one on in Render Set-Up > View Layers."
+        )
     for layer in layers:
         for aov in layer.aovs:
             if aov.name in AOVS and aov.type != "VALUE":

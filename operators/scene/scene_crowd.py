@@ -139,10 +139,7 @@ def check_levels(crowd: SceneCrowd) -> None:
     scene = crowd.scene
     settings = crowd.settings
     if settings.levels is None:
-        raise CrowdError(
-            f"The scene {scene.name} has no LOD meshes: press Make LOD Meshes in the panel "
-            f"LOD Meshes."
-        )
+        raise CrowdError(f"The scene {scene.name} has no LOD meshes: press Make LOD Meshes.")
     levels = settings.levels.children
     count = crowd.policy.count
     groups = len(levels[0].children) if levels else 0

@@ -1,4 +1,4 @@
-"""Settings of the steps Crowd, Behavior and Camera, with their walls and areas."""
+"""Settings of the step Crowd, with its walls, areas and goals, and of what the camera culls."""
 
 import bpy
 
@@ -280,7 +280,7 @@ class BehaviorSettings:
 
     map_image: PointerProperty(
         type=bpy.types.Image,
-        name="Map",
+        name="Label Map",
         description="Label map over the ground: each pixel in the color of a label. None is open "
         "ground between two edges",
     )

@@ -1,4 +1,4 @@
-"""Settings of the step LOD Meshes, and what is known of each character group.
+"""Settings of the step LODs, and what is known of each character group.
 
 Thresholds push their neighbors along, as the stops of a color ramp do.
 """

@@ -39,15 +39,12 @@ from .shot_settings import (
 
 # The settings of each step of the work, by its panel's name.
 STEPS: dict[str, tuple[type, ...]] = {
-    "Crowd": (CharacterSettings, CrowdSettings),
-    "Behavior": (BehaviorSettings, SimulationSettings),
-    "Camera": (CameraSettings,),
-    "LOD Meshes": (LevelSettings,),
-    "Overlay": (OverlaySettings,),
-    "Plan Shot": (FrameSettings, PlanSettings),
-    "Preview": (PreviewSettings,),
-    "Verify": (VerifySettings,),
+    "Crowd": (CharacterSettings, CrowdSettings, BehaviorSettings, SimulationSettings),
+    "LODs": (LevelSettings,),
+    "Shot": (FrameSettings, PlanSettings, CameraSettings),
+    "Check": (PreviewSettings, VerifySettings),
     "Hand Over": (ExportSettings,),
+    "Overlay": (OverlaySettings,),
 }
 ALL = tuple(part for parts in STEPS.values() for part in parts)
 

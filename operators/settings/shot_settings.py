@@ -1,4 +1,4 @@
-"""Settings of the steps Plan Shot, Preview and Verify, and of an override."""
+"""Settings of the steps Shot, Check and Hand Over, and of an override."""
 
 import bpy
 

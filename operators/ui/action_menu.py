@@ -6,43 +6,47 @@ from ..blender.labeled_properties import CONTEXT
 from ..scene.characters.action_choice import fits_of
 from ..scene.characters.motionless import STANDS_STILL, owner_of, rig_of
 from .drawing import label
+from .group_list import selected_group
 
 MOST_ACTIONS = 40  # in a menu
-GROUP = "crowd_lod_group"  # in the context, the group whose menu is drawn
 
 
 def draw_action(layout, scene: bpy.types.Scene, group: bpy.types.PropertyGroup) -> None:
-    """Draw a menu with the action that a group's rig plays; nothing without a rig."""
-    rig = rig_of(scene, group.name) if _is_there(scene, group.name) else None
+    """Draw a menu with the action that the selected group's rig plays; nothing without a rig."""
+    rig = _rig(scene, group)
     if rig is None:
         return
     data = rig.animation_data
     plays = data.action.name if data is not None and data.action is not None else "No Action"
     if plays == "No Action" and owner_of(scene, group.name).get(STANDS_STILL):
         plays = "Stands Still"
-    row = layout.row(align=True)
-    row.context_pointer_set(GROUP, group)
-    label(row, group.name)
+    row = layout.split(factor=0.4)
+    name = row.row()
+    name.alignment = "RIGHT"
+    label(name, "Action")
     row.menu("CROWDLOD_MT_action", text=plays, icon="ACTION", translate=False)
 
 
-def _is_there(scene: bpy.types.Scene, name: str) -> bool:
+def _rig(scene: bpy.types.Scene, group: bpy.types.PropertyGroup) -> bpy.types.Object | None:
+    """Return the group's rig; None without one, or where the group is gone."""
     top = scene.crowd_lod.characters
-    return top is not None and (name in top.children or name in top.objects)
+    is_there = top is not None and (group.name in top.children or group.name in top.objects)
+    return rig_of(scene, group.name) if is_there else None
 
 
 class CROWDLOD_MT_action(bpy.types.Menu):
-    """Actions of the file that move this group's bones, walks first"""
+    """Actions of the file that move the selected group's bones, walks first"""
 
     bl_label = "Action"
     bl_translation_context = CONTEXT
 
     @classmethod
     def poll(cls, context) -> bool:
-        return getattr(context, GROUP, None) is not None
+        scene = context.scene
+        return bool(len(scene.crowd_lod.groups)) and _rig(scene, selected_group(scene)) is not None
 
     def draw(self, context) -> None:
-        group = getattr(context, GROUP).name
+        group = selected_group(context.scene).name
         rig = rig_of(context.scene, group)
         for fit in fits_of(rig)[:MOST_ACTIONS]:
             row = self.layout.row()

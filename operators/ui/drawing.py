@@ -71,11 +71,18 @@ def button(
     return row.operator(name, icon=icon)
 
 
-def active_column(layout, active: bool) -> bpy.types.UILayout:
-    """Return a column whose settings are grayed where they do not apply."""
-    column = layout.column()
-    column.active = active
-    return column
+def data_block(layout, owner, name: str, **operators: str) -> None:
+    """Draw a data-block's menu over the whole width, under its label.
+
+    operators: `new` and `open`.
+    """
+    label(layout, owner.bl_rna.properties[name].name)
+    layout.template_ID(owner, name, **operators)
+
+
+def report_button(layout, kind: str) -> None:
+    """Draw the button, an icon, that opens the report of this kind."""
+    layout.operator("crowd_lod.open_report", text="", icon="URL").which = kind
 
 
 def wide(layout, settings, name: str) -> None:

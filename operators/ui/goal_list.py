@@ -3,13 +3,11 @@
 import bpy
 
 from ..blender.operator import Reporting
-from ..scene.machine.machine_editor import draft_of
-from ..scene.machine.machine_settings import rows_of
 from ..scene.machine.scene_world import machine_of
 from ..scene.sources.simulation_sites import lacking
 from ..settings.crowd_settings import may_be_goal
 from ..settings.crowds import active_crowd, active_or_new
-from .drawing import active_column, button, label
+from .drawing import button, label
 from .settings_list import OfActiveCrowd, Removing, draw_list
 
 
@@ -63,15 +61,14 @@ class CROWDLOD_OT_remove_goal(OfActiveCrowd, Removing, bpy.types.Operator):
 def draw_simulation(layout, context, crowd) -> None:
     """Draw the settings of a simulated crowd and its button."""
     editor = context.scene.crowd_lod_editor
-    rows_of(context, "labels", draft_of(context.scene).labels)
     draw_list(layout, crowd, "goal", editor, rows=3)
     if len(crowd.goals):
         goal = crowd.goals[min(editor.goal_index, len(crowd.goals) - 1)]
         layout.prop(goal, "object")
-        active_column(layout, goal.object is None).prop_search(
-            goal, "label", context.window_manager.crowd_lod_rows, "labels"
-        )
-        active_column(layout, crowd.goal_choice == "SHARES").prop(goal, "share")
+        if goal.object is None:
+            layout.prop_search(goal, "label", context.window_manager.crowd_lod_rows, "labels")
+        if crowd.goal_choice == "SHARES":
+            layout.prop(goal, "share")
     for name in (
         *("goal_choice", "people_a_minute", "walking_speed"),
         *("spawn_labels", "wall_labels", "obstacles", "waiting_action", "simulated_seconds"),

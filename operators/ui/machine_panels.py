@@ -21,11 +21,11 @@ from ..scene.machine.machine_editor import (
 )
 from ..scene.machine.machine_settings import MOST_TARGETS, color_of, rows_of
 from ..scene.machine.map_painting import map_of
-from ..scene.sources.spawn_source import SPAWNING
+from ..settings.crowds import active_crowd
 from ..viewport import viewport_overlay
 from .area_list import draw_areas
-from .crowd_list import MOVERS, OfCrowd, parts_shown
-from .drawing import active_column, label, letters_of, paragraph, swatch
+from .crowd_list import OfCrowd, parts_shown
+from .drawing import label, letters_of, paragraph, swatch
 
 MOST_LETTERS = 180  # of a mistake's description; Populate shows all of it
 ARROWS = "→↗↑↖←↙↓↘"  # from +x, counter-clockwise
@@ -152,37 +152,33 @@ def _list(context, layout, kind: str, names: list[str], rows: int) -> None:
         button.by = by
 
 
-def _mover(layout, crowd) -> None:
-    """Say who moves the agents, where that is not the state machine and the panel is grayed."""
-    if crowd.source in MOVERS:
-        label(layout, MOVERS[crowd.source], "INFO")
-
-
 class _Editor(OfCrowd):
+    """A panel that edits the active crowd's state machine, which `editor(...)` draws."""
+
     bl_parent_id = "CROWDLOD_PT_behavior"
 
     def crowd(self, context, layout, crowd) -> None:
         draft = draft_of(context.scene)
-        if not draft.states or missing_text(context.scene):
-            _problem(context, layout)
-            return
-        rows_of(context, "states", draft.states)
-        self.editor(
-            context,
-            active_column(layout, crowd.source == "MACHINE"),
-            context.scene.crowd_lod_editor,
-            draft,
-        )
+        if draft.states and not missing_text(context.scene):
+            rows_of(context, "states", draft.states)
+            self.editor(context, layout, context.scene.crowd_lod_editor, draft)
         _problem(context, layout)
-        _mover(layout, crowd)
 
 
-class CROWDLOD_PT_states(_Editor, bpy.types.Panel):
+class _OfStates(_Editor):
+    """A panel of states, which move no other crowds."""
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        crowd = active_crowd(context.scene.crowd_lod)
+        return crowd is not None and crowd.source == "MACHINE"
+
+
+class CROWDLOD_PT_states(_OfStates, bpy.types.Panel):
     bl_label = "States"
-    bl_parent_id = "CROWDLOD_PT_behavior_advanced"
 
     def editor(self, context, layout, editor, draft) -> None:
-        _list(context, layout, "states", draft.states, 6)
+        _list(context, layout, "states", draft.states, 5)
         state = selected_name(context.scene, "states")
 
         def field(name: str, path: str = "") -> None:
@@ -196,35 +192,37 @@ class CROWDLOD_PT_states(_Editor, bpy.types.Panel):
         field("action", "action")
         field("fade", "fade")
         field("use_timer", "after")
-        timer = active_column(layout, editor.use_timer)
-        column = timer.column(align=True)
-        column.alert = draft.faulty("states", state, "after")
-        column.prop(editor, "timer_least")
-        column.prop(editor, "timer_most")
-        column = timer.column(align=True)
-        column.alert = draft.faulty("states", state, "then")
-        _draw_targets(context, column, draft.targets(state, None), "then")
+        if editor.use_timer:
+            column = layout.column(align=True)
+            column.alert = draft.faulty("states", state, "after")
+            column.prop(editor, "timer_least")
+            column.prop(editor, "timer_most")
+            column = layout.column(align=True)
+            column.alert = draft.faulty("states", state, "then")
+            _draw_targets(context, column, draft.targets(state, None), "then")
         layout.prop(editor, "edge")
 
 
-class CROWDLOD_PT_rules(_Editor, bpy.types.Panel):
+class CROWDLOD_PT_rules(_OfStates, bpy.types.Panel):
     bl_label = "Rules of State"
-    bl_parent_id = "CROWDLOD_PT_behavior_advanced"
 
     def editor(self, context, layout, editor, draft) -> None:
         state, row = cell_of(context.scene)
         label(layout, state)
-        _list(context, layout, "rules", draft.rows(state), 6)
+        _list(context, layout, "rules", draft.rows(state), 5)
         column = layout.column(align=True)
-        active_column(column, row != "*").prop(editor, "own_rule")
-        walk = active_column(column, draft.has_rule(state, row))
+        if row != "*":
+            column.prop(editor, "own_rule")
+        if not draft.has_rule(state, row):
+            return
+        walk = column.column(align=True)
         walk.alert = any(
             draft.faulty("states", state, "on", row, field)
             for field in ("move", "speed", "heading")
         )
         walk.prop(editor, "speed")
         walk.prop(editor, "heading")
-        following = active_column(column, draft.has_rule(state, row))
+        following = column.column(align=True)
         following.alert = draft.faulty("states", state, "on", row, "next")
         _draw_targets(context, following, draft.targets(state, row), "next")
 
@@ -288,9 +286,9 @@ class CROWDLOD_PT_labels(_Editor, bpy.types.Panel):
         column.alert = draft.faulty("labels", name)
         for field in ("label_name", "label_color", "spawn"):
             column.prop(editor, field)
-        row = layout.row()
-        row.operator("crowd_lod.new_map", icon="ADD")
-        active_column(layout, map_of(context.scene) is not None).prop(editor, "show_map")
+        layout.operator("crowd_lod.new_map", icon="ADD")
+        if map_of(context.scene) is not None:
+            layout.prop(editor, "show_map")
 
 
 class CROWDLOD_PT_areas(OfCrowd, bpy.types.Panel):
@@ -299,8 +297,7 @@ class CROWDLOD_PT_areas(OfCrowd, bpy.types.Panel):
 
     def crowd(self, context, layout, crowd) -> None:
         rows_of(context, "labels", draft_of(context.scene).labels)
-        draw_areas(active_column(layout, crowd.source in SPAWNING), context, crowd)
-        _mover(layout, crowd)
+        draw_areas(layout, context, crowd)
         if trouble := map_areas.trouble_of(context.scene):
             paragraph(layout, trouble, "ERROR", letters_of(context))
 

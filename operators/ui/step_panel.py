@@ -1,5 +1,7 @@
 """What the panels of the sidebar have in common."""
 
+import bpy
+
 from ..blender.labeled_properties import CONTEXT
 from . import steps
 from .drawing import button
@@ -15,32 +17,21 @@ class Sidebar:
 
 
 class StepPanel(Sidebar):
-    """The panel of one step of the work; `body(context, layout, settings)` draws it.
+    """A closed panel, which `body(context, layout, settings)` draws."""
 
-    main: (operator, text) of the button in the panel's header; () for none.
-    """
-
-    bl_parent_id = "CROWDLOD_PT_main"
     bl_options = {"DEFAULT_CLOSED"}
-    main: tuple[str, ...] = ()
+
+    def main(self, scene: bpy.types.Scene) -> tuple[str, ...]:
+        """Return (operator, text) of the button in the panel's header; () for none."""
+        return ()
 
     def draw_header_preset(self, context) -> None:
-        if self.main:
-            button(self.layout, *self.main, following=steps.next_operator(context.scene))
-        self.draw_help()
-
-    def draw_help(self) -> None:
-        """Draw, in a step's header, the button that shows the manual's part on it."""
-        if self.bl_parent_id == StepPanel.bl_parent_id:
-            help_button(self.layout, self.bl_label)
+        scene = context.scene
+        if main := self.main(scene):
+            button(self.layout, *main, following=steps.next_operator(scene))
 
     def draw(self, context) -> None:
         layout = self.layout
         layout.use_property_split = True
         layout.use_property_decorate = False
         self.body(context, layout, context.scene.crowd_lod)
-
-
-def help_button(layout, part: str) -> None:
-    """Draw the button that shows the manual's part of this heading."""
-    layout.operator("crowd_lod.help", text="", icon="HELP", emboss=False).part = part

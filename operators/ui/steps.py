@@ -55,7 +55,8 @@ def messages(scene: bpy.types.Scene) -> list[Told]:
     if settings.characters is not None:  # without an answer Update All makes no LOD meshes
         lines += _warnings(questions(scene))
     if operator := next_operator(scene):
-        lines.append(Told(f"Next: {label_of(operator)}", "FORWARD"))
+        reason = reasons(scene).get(operator, needs.characters(scene))
+        lines.append(Told(f"Next: {label_of(operator)} ({reason})", "FORWARD"))
     for artifact in artifacts_of(scene):
         if news := news_of(scene, artifact):
             lines.append(Told(news, "FILE_REFRESH"))

@@ -54,3 +54,6 @@ def _draw_value(row, owner: Owner, name: str, text: str) -> None:
         row.prop(owner, f'["{name}"]', text=text, icon=icon, translate=False)
     elif text:
         label(row, text)
+
+
+CLASSES = (CROWDLOD_PT_wardrobes,)

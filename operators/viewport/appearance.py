@@ -34,7 +34,7 @@ def style_of(scene, levels: int) -> tuple[Style, tuple[SkinnedCharacter, ...], t
         return (
             boxes,
             (),
-            ("Press Make LOD Meshes in the LOD Meshes panel to see the characters.",),
+            ("Press Make LOD Meshes to see the characters.",),
         )
     if not read.ready:
         return (

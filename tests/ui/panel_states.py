@@ -3,8 +3,8 @@ PORT.
 
 test_panels.py listens on the PORT of this machine. It gets one line that says what settings there
 are, and sends the changes that make a state, a line each. After each change all panels are drawn
-and all polls asked; the answer to a line is what was said on stderr, which panels were drawn, and
-how many crowds the scene has.
+and all polls asked; the answer to a line is what was said on stderr, which panels were drawn, how
+many crowds the scene has, and which settings and buttons the sidebar has after the last change.
 All panels are open.
 """
 
@@ -19,6 +19,7 @@ import bpy
 
 HERE = Path(__file__).parent
 sys.path += map(str, (HERE, HERE.parent, HERE.parent / "faults"))
+import drawn_items  # noqa: E402
 import robot  # noqa: E402
 from robot import scene, settings  # noqa: E402
 from small_plaza import REST, opened, saved  # noqa: E402
@@ -34,6 +35,8 @@ KINDS_OF_DATA = {
     "Object": "objects",
 }
 drawn: set[str] = set()  # panels, since the last answer
+# of each panel in the sidebar its settings and buttons, as it was drawn last
+items: dict[tuple[str, str], tuple[list[str], list[str]]] = {}
 
 
 def session():
@@ -51,6 +54,9 @@ def session():
         [name for name in dir(bpy.types) if name.startswith(f"CROWDLOD_{kind}_")]
         for kind in ("PT", "MT")
     )
+    step_panel = sys.modules[f"{robot.MODULE}.operators.ui.step_panel"]
+    kinds = [getattr(bpy.types, name) for name in panels]
+    drawn_items.note([kind for kind in kinds if issubclass(kind, step_panel.Sidebar)], items)
     for name in panels:
         getattr(bpy.types, name).append(lambda _, __, name=name: drawn.add(name))
     owners = {
@@ -101,9 +107,11 @@ def answered(changes: list):
     sys.modules.pop("fast_simplification", None)
     yield from opened(str(FOLDER / "panels.blend"))
     drawn.clear()
+    items.clear()
     said = io.StringIO()
     for n, change in enumerate(changes):
         with contextlib.redirect_stderr(said):
+            items.clear()
             change_it(*change)
             if change[0] not in ("undo", "redo"):
                 with robot.over():
@@ -118,7 +126,12 @@ def answered(changes: list):
                 yield from robot.drawn(REST)
         if "Traceback" in said.getvalue():
             return {"after": changes[: n + 1], "said": said.getvalue()[-3000:]}
-    return {"said": "", "drawn": sorted(drawn), "crowds": len(settings().crowds)}
+    return {
+        "said": "",
+        "drawn": sorted(drawn),
+        "crowds": len(settings().crowds),
+        "items": [*items.values()],
+    }
 
 
 def change_it(what: str, *words):

@@ -227,6 +227,9 @@ class CrowdLodMachineEditor(bpy.types.PropertyGroup):
     goal_index: IntProperty(
         name="Goal", min=0, description="The goal of a simulation that is selected in the list"
     )
+    group_index: IntProperty(
+        name="Character Group", min=0, description="The group that is selected in the list"
+    )
     show_map: BoolProperty(
         name="Show on Ground",
         description="Show the active crowd's label map on a plane over its ground, which renders "
