@@ -14,7 +14,7 @@ from .blender import (
     scenery,
     steps,
 )
-from .build import aovs, buttons, character_images, frame_update
+from .build import aovs, buttons, frame_update
 from .cli import commands
 from .deliver import farm_job, open_report, update_all
 from .deliver.accuracy import accuracy
@@ -38,6 +38,7 @@ from .ui import (
     drawing,
     goal_list,
     group_list,
+    list_buttons,
     lod_panels,
     machine_panels,
     manual,
@@ -80,7 +81,6 @@ MODULES = (
     open_report,
     playblast,
     buttons,
-    character_images,
     aovs,
     export,
     farm_job,
@@ -92,6 +92,7 @@ MODULES = (
     crowd_list,
     goal_list,
     group_list,
+    list_buttons,
     # the panels, in their order
     panels,
     crowd_panels,

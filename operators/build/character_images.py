@@ -7,7 +7,6 @@ from pathlib import Path
 import bpy
 
 from ...crowd_lod.format import byte_size
-from ..blender.operator import Reporting
 
 CACHE = "blender_tx"  # the folder beside an image that has its cache, unless the user chose another
 IMAGE_BYTES = "crowd_lod_image_bytes"  # custom property of the build's collection: see image_bytes
@@ -44,7 +43,7 @@ def uses_cache(scene: bpy.types.Scene, image: bpy.types.Image) -> bool:
 
 
 def can_use_cache(scene: bpy.types.Scene) -> bool:
-    """Return whether Use Texture Cache would change how Cycles renders `scene`."""
+    """Return whether Cycles could render `scene` with a texture cache, and does not."""
     render = scene.render
     return (
         render.engine == "CYCLES"
@@ -58,29 +57,8 @@ def describe_images(scene: bpy.types.Scene) -> str:
     size = scene.crowd_lod.build.get(IMAGE_BYTES)
     if not size:
         return ""
-    remedy = " Use Texture Cache lets Cycles load only what pixels show of them."
+    remedy = " With a texture cache Cycles loads only what pixels show of them."
     return (
         f"The characters' images take {byte_size(size)} in full."
         f"{remedy if can_use_cache(scene) else ''}"
     )
-
-
-def _lacks_no_cache(scene: bpy.types.Scene) -> str:
-    """Return why Use Texture Cache would change nothing; "" if it would."""
-    return "" if can_use_cache(scene) else "Nothing to switch on: it is for Cycles of Blender 5.2"
-
-
-class CROWDLOD_OT_use_texture_cache(Reporting, bpy.types.Operator):
-    """Let Cycles load images at the size that pixels need, from files that it makes beside them"""
-
-    bl_idname = "crowd_lod.use_texture_cache"
-    bl_label = "Use Texture Cache"
-    needs = (_lacks_no_cache,)
-
-    def run(self, context) -> str:
-        render = context.scene.render
-        render.use_texture_cache = render.use_auto_generate_texture_cache = True
-        return "Cycles makes a texture cache of images from files, and loads what pixels need."
-
-
-CLASSES = (CROWDLOD_OT_use_texture_cache,)

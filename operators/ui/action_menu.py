@@ -59,7 +59,9 @@ class CROWDLOD_MT_action(bpy.types.Menu):
             )
             chosen.group, chosen.action = group, fit.action.name
         self.layout.separator()
-        self.layout.operator("crowd_lod.stand_still").group = group
+        still = self.layout.operator("crowd_lod.take_action", text="Stand Still", translate=False)
+        still.group = group
+        still.still = True
 
 
 CLASSES = (CROWDLOD_MT_action,)

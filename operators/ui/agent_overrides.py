@@ -25,8 +25,9 @@ NUDGE = 0.5  # meters by which one press moves
 BUTTONS = {
     "NUDGE": ("Nudge", "EMPTY_ARROWS"),
     "HIDE": ("Hide", "HIDE_ON"),
-    "GROUP": ("Swap Group", "COMMUNITY"),
+    "GROUP": ("Swap", "COMMUNITY"),
     "ALWAYS": ("Pin LOD", "PINNED"),
+    "NEVER_COARSER": ("Never Coarser", "MOD_DECIM"),
 }
 
 
@@ -50,6 +51,7 @@ class CROWDLOD_OT_override_agent(Reporting, bpy.types.Operator):
                 "To the next character group; press again for the one after it",
             ),
             ("ALWAYS", "Pin LOD", "It keeps the LOD that it has now"),
+            ("NEVER_COARSER", "Never Coarser", "It has the LOD that it has now, or a finer one"),
         ],
     )
 
@@ -83,7 +85,7 @@ class CROWDLOD_OT_override_agent(Reporting, bpy.types.Operator):
             entry.move[0] += NUDGE / scene_data.meters(scene)
         elif self.type == "GROUP":
             entry.group_name = _next_group(trajectory, agent)
-        elif self.type == "ALWAYS":
+        elif self.type in ("ALWAYS", "NEVER_COARSER"):
             frame = viewport_overlay.latest(scene)
             entry.level = (
                 int(frame.levels[agent]) if frame is not None and agent < len(frame.crowd) else 0
@@ -182,7 +184,7 @@ class CROWDLOD_OT_erase(Reporting, bpy.types.Operator):
 def draw_agent_overrides(layout) -> None:
     """Draw the buttons that override the picked agent."""
     column = layout.column(align=True)
-    for types in (("NUDGE", "HIDE"), ("GROUP", "ALWAYS")):
+    for types in (("NUDGE", "HIDE", "GROUP"), ("ALWAYS", "NEVER_COARSER")):
         row = column.row(align=True)
         for type_ in types:
             text, icon = BUTTONS[type_]

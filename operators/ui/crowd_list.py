@@ -1,13 +1,11 @@
-"""The crowds of a scene: their list in the sidebar, and its buttons."""
+"""The crowds of a scene: their list in the sidebar."""
 
 import bpy
 
 from ...crowd_lod.sources.trajectory import Trajectory
-from ..blender.operator import Reporting
-from ..settings import needs
 from ..settings.crowds import active_crowd, add_crowd, index_of_active, set_lengths
 from ..viewport import viewport_overlay
-from .settings_list import Removing
+from .settings_list import SettingsList
 from .step_panel import StepPanel
 
 
@@ -28,33 +26,29 @@ class CROWDLOD_UL_crowds(bpy.types.UIList):
         )
 
 
-class CROWDLOD_OT_add_crowd(Reporting, bpy.types.Operator):
-    """Add a crowd with settings of its own: one plan covers all crowds"""
-
-    bl_idname = "crowd_lod.add_crowd"
-    bl_label = "Add Crowd"
-
-    def run(self, context) -> str:
-        settings = context.scene.crowd_lod
-        set_lengths(context.scene)
-        before = active_crowd(settings)
-        ground = None if before is None else ((*before.center,), (*before.size,))
-        crowd = add_crowd(settings)
-        if ground is not None:
-            crowd.center, crowd.size = ground
-            crowd.count = 100
-            crowd.seed = len(settings.crowds)
-        settings.crowd_index = len(settings.crowds) - 1
-        return f"{crowd.name} is added: choose its source and place."
+def _add(context) -> str:
+    settings = context.scene.crowd_lod
+    set_lengths(context.scene)
+    before = active_crowd(settings)
+    ground = None if before is None else ((*before.center,), (*before.size,))
+    crowd = add_crowd(settings)
+    if ground is not None:
+        crowd.center, crowd.size = ground
+        crowd.count = 100
+        crowd.seed = len(settings.crowds)
+    settings.crowd_index = len(settings.crowds) - 1
+    return f"{crowd.name} is added: choose its source and place."
 
 
-class CROWDLOD_OT_remove_crowd(Removing, bpy.types.Operator):
-    """Remove the active crowd; the agents of crowds after it get other numbers"""
-
-    bl_idname = "crowd_lod.remove_crowd"
-    bl_label = "Remove Crowd"
-    kind = "crowd"
-    needs = (needs.crowds,)
+CROWDS = SettingsList(
+    "crowd",
+    {
+        "add": "Add a crowd with settings of its own: one plan covers all crowds",
+        "remove": "Remove the active crowd; the agents of crowds after it get other numbers",
+        "move": "Move the active crowd; agents get other numbers",
+    },
+    _add,
+)
 
 
 class OfCrowd(StepPanel):
@@ -81,8 +75,4 @@ def parts_shown(scene: bpy.types.Scene) -> list[Trajectory]:
     return list(parts[: index + 1]) if index < len(parts) else []
 
 
-CLASSES = (
-    CROWDLOD_UL_crowds,
-    CROWDLOD_OT_add_crowd,
-    CROWDLOD_OT_remove_crowd,
-)
+CLASSES = (CROWDLOD_UL_crowds,)

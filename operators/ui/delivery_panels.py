@@ -39,10 +39,10 @@ class CROWDLOD_PT_build(StepPanel, bpy.types.Panel):
         row.operator("crowd_lod.remove_build", text="", icon="TRASH")
         wide(layout, settings, "render_source_characters")
         if settings.build is not None and (size := settings.build.get(IMAGE_BYTES)):
-            row = layout.row(align=True)
-            label(row, f"Images: {byte_size(size)} in full", "IMAGE_DATA")
+            label(layout, f"Images: {byte_size(size)} in full", "IMAGE_DATA")
             if can_use_cache(context.scene):
-                row.operator("crowd_lod.use_texture_cache")
+                wide(layout, context.scene.render, "use_texture_cache")
+                wide(layout, context.scene.render, "use_auto_generate_texture_cache")
         button(layout, "crowd_lod.estimate", icon="MEMORY")
         self.draw_costs(layout.column(align=True), settings)
 

@@ -1,14 +1,13 @@
-"""Goals of the active crowd's simulation: their list in the sidebar, and its buttons."""
+"""Goals of the active crowd's simulation: their list in the sidebar."""
 
 import bpy
 
-from ..blender.operator import Reporting
 from ..scene.machine.scene_world import machine_of
 from ..scene.sources.simulation_sites import lacking
 from ..settings.crowd_settings import may_be_goal
-from ..settings.crowds import active_crowd, active_or_new
+from ..settings.crowds import active_or_new
 from .drawing import button, label
-from .settings_list import OfActiveCrowd, Removing, draw_list
+from .settings_list import SettingsList, draw_list
 
 
 class CROWDLOD_UL_goals(bpy.types.UIList):
@@ -23,39 +22,32 @@ class CROWDLOD_UL_goals(bpy.types.UIList):
         row.prop(item, "is_exit", text="", icon="CHECKMARK" if item.is_exit else "PAUSE")
 
 
-def _some(scene: bpy.types.Scene) -> str:
-    crowd = active_crowd(scene.crowd_lod)
-    return "" if crowd is not None and len(crowd.goals) else "There are no goals"
+def _add(context) -> str:
+    crowd = active_or_new(context.scene.crowd_lod)
+    items = [item for item in context.selected_objects if may_be_goal(item)]
+    for item in items or [None]:
+        goal = crowd.goals.add()
+        goal.object = item
+        labels = machine_of(crowd).labels
+        goal.label = "" if item or "exit" not in labels else "exit"
+        goal.name = item.name if item else goal.label.capitalize() or "Goal"
+    context.scene.crowd_lod_editor.goal_index = len(crowd.goals) - 1
+    if not items:
+        return "Choose an object or a label for the goal."
+    return f"Added as goals: {', '.join(item.name for item in items)}."
 
 
-class CROWDLOD_OT_add_goal(Reporting, bpy.types.Operator):
-    """Add the selected objects as goals; without a selection, choose an object or label later"""
-
-    bl_idname = "crowd_lod.add_goal"
-    bl_label = "Add Goal"
-
-    def run(self, context) -> str:
-        crowd = active_or_new(context.scene.crowd_lod)
-        items = [item for item in context.selected_objects if may_be_goal(item)]
-        for item in items or [None]:
-            goal = crowd.goals.add()
-            goal.object = item
-            labels = machine_of(crowd).labels
-            goal.label = "" if item or "exit" not in labels else "exit"
-            goal.name = item.name if item else goal.label.capitalize() or "Goal"
-        context.scene.crowd_lod_editor.goal_index = len(crowd.goals) - 1
-        if not items:
-            return "Choose an object or a label for the goal."
-        return f"Added as goals: {', '.join(item.name for item in items)}."
-
-
-class CROWDLOD_OT_remove_goal(OfActiveCrowd, Removing, bpy.types.Operator):
-    """Remove the selected goal"""
-
-    bl_idname = "crowd_lod.remove_goal"
-    bl_label = "Remove Goal"
-    kind = "goal"
-    needs = (_some,)
+GOALS = SettingsList(
+    "goal",
+    {
+        "add": "Add the selected objects as goals; without a selection, choose an object or label "
+        "later",
+        "remove": "Remove the selected goal",
+        "move": "Move the selected goal",
+    },
+    _add,
+    of_crowd=True,
+)
 
 
 def draw_simulation(layout, context, crowd) -> None:
@@ -79,4 +71,4 @@ def draw_simulation(layout, context, crowd) -> None:
         label(layout, said, "ERROR")
 
 
-CLASSES = (CROWDLOD_UL_goals, CROWDLOD_OT_add_goal, CROWDLOD_OT_remove_goal)
+CLASSES = (CROWDLOD_UL_goals,)

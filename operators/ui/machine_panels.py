@@ -26,6 +26,7 @@ from ..viewport import viewport_overlay
 from .area_list import draw_areas
 from .crowd_list import OfCrowd, parts_shown
 from .drawing import label, letters_of, paragraph, swatch
+from .settings_list import draw_row_buttons
 
 MOST_LETTERS = 180  # of a mistake's description; Populate shows all of it
 ARROWS = "→↗↑↖←↙↓↘"  # from +x, counter-clockwise
@@ -142,14 +143,7 @@ def _list(context, layout, kind: str, names: list[str], rows: int) -> None:
     )
     if kind == "rules":
         return
-    column = row.column(align=True)
-    for name, icon in (("add", "ADD"), ("remove", "REMOVE"), ("duplicate", "DUPLICATE")):
-        column.operator(f"crowd_lod.machine_{name}", text="", icon=icon).kind = kind
-    column.separator()
-    for by, icon in ((-1, "TRIA_UP"), (1, "TRIA_DOWN")):
-        button = column.operator("crowd_lod.machine_move", text="", icon=icon)
-        button.kind = kind
-        button.by = by
+    draw_row_buttons(row, kind, bool(names), copies=True)
 
 
 class _Editor(OfCrowd):
@@ -242,8 +236,9 @@ def _draw_targets(context, column, targets: list, name: str) -> None:
     for n, (target, _) in enumerate(targets[:MOST_TARGETS]):
         row = column.row(align=True)
         row.prop(editor, f"{name}_weights", index=n, text=target, translate=False)
-        button = row.operator("crowd_lod.machine_unfollow", text="", icon="X")
+        button = row.operator("crowd_lod.machine_follow", text="", icon="X")
         button.state = target
+        button.remove = True
         button.timer = name == "then"
     column.menu(f"CROWDLOD_MT_{name}", icon="ADD")
 

@@ -1,10 +1,8 @@
-"""The overrides: their list in the sidebar, and its buttons."""
+"""The overrides: their list in the sidebar."""
 
 import bpy
 
-from ..blender.operator import Reporting
-from ..settings import needs
-from .settings_list import Moving, Removing, SwitchedRow
+from .settings_list import SettingsList, SwitchedRow
 
 
 class CROWDLOD_UL_overrides(SwitchedRow, bpy.types.UIList):
@@ -23,58 +21,20 @@ class CROWDLOD_UL_overrides(SwitchedRow, bpy.types.UIList):
         return words.get(item.type, "unknown")  # of another version's file
 
 
-class CROWDLOD_OT_add_override(Reporting, bpy.types.Operator):
-    """Add an override, for agents that it names"""
-
-    bl_idname = "crowd_lod.add_override"
-    bl_label = "Add Override"
-
-    def run(self, context) -> str:
-        return _added(context.scene.crowd_lod, "Override", "")
-
-
-class CROWDLOD_OT_add_agent_override(Reporting, bpy.types.Operator):
-    """Add an override, for the agent that the eyedropper picked"""
-
-    bl_idname = "crowd_lod.add_agent_override"
-    bl_label = "Add Override for Picked Agent"
-    needs = (needs.picked,)
-
-    def run(self, context) -> str:
-        agent = context.scene.crowd_lod.agent
-        return _added(context.scene.crowd_lod, f"Agent {agent}", str(agent))
-
-
-def _added(settings, name: str, agents: str) -> str:
-    entry = settings.overrides.add()
-    entry.name = name
-    entry.agents = agents
+def _add(context) -> str:
+    settings = context.scene.crowd_lod
+    settings.overrides.add().name = "Override"
     settings.override_index = len(settings.overrides) - 1
-    return f"{name} is added: set what it asks for."
+    return "Override is added: set its type, and the agents."
 
 
-class CROWDLOD_OT_remove_override(Removing, bpy.types.Operator):
-    """Remove the selected override"""
-
-    bl_idname = "crowd_lod.remove_override"
-    bl_label = "Remove Override"
-    kind = "override"
-    needs = (needs.overrides,)
-
-
-class CROWDLOD_OT_move_override(Moving, bpy.types.Operator):
-    """Move the selected override: of two for the same agent, the lower one holds"""
-
-    bl_idname = "crowd_lod.move_override"
-    bl_label = "Move Override"
-    kind = "override"
-    needs = (needs.overrides,)
-
-
-CLASSES = (
-    CROWDLOD_UL_overrides,
-    CROWDLOD_OT_add_override,
-    CROWDLOD_OT_add_agent_override,
-    CROWDLOD_OT_remove_override,
-    CROWDLOD_OT_move_override,
+OVERRIDES = SettingsList(
+    "override",
+    {
+        "add": "Add an override, for agents that it names",
+        "remove": "Remove the selected override",
+        "move": "Move the selected override: of two for the same agent, the lower one holds",
+    },
+    _add,
 )
+CLASSES = (CROWDLOD_UL_overrides,)

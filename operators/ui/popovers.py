@@ -23,7 +23,6 @@ REMEDY_ICONS = {
     "crowd_lod.take_along": "OUTLINER_COLLECTION",
     "crowd_lod.walls_from_selection": "MOD_BUILD",
 }
-BESIDE = {"crowd_lod.take_action": ("crowd_lod.stand_still",)}  # other remedies of the same thing
 
 
 class _Popover:
@@ -146,8 +145,9 @@ class CROWDLOD_PT_messages(_Popover, bpy.types.Panel):
             paragraph(self.layout, line.sentence, line.icon, LETTERS)
             if line.remedy:
                 row = self.layout.row(align=True)
-                for remedy in (line.remedy, *BESIDE.get(line.remedy, ())):
-                    button(row, remedy, icon=REMEDY_ICONS.get(remedy, "NONE"))
+                button(row, line.remedy, icon=REMEDY_ICONS.get(line.remedy, "NONE"))
+                if line.remedy == "crowd_lod.take_action":
+                    button(row, line.remedy, "Stand Still").still = True
 
 
 class CROWDLOD_PT_error_curve(_Popover, bpy.types.Panel):

@@ -80,6 +80,9 @@ class CROWDLOD_PT_culling(StepPanel, bpy.types.Panel):
         wide(layout, settings, "occlusion")
         if settings.occlusion:
             layout.prop(settings, "occlusion_exclude")
+        layout.prop(settings, "margin_kind")
+        if settings.margin_kind == "FIXED":
+            layout.prop(settings, "margin", text="Distance", translate=False)
 
 
 class CROWDLOD_PT_budget(StepPanel, bpy.types.Panel):
@@ -102,7 +105,6 @@ class CROWDLOD_PT_overrides(StepPanel, bpy.types.Panel):
 
     def body(self, context, layout, settings) -> None:
         draw_list(layout, settings, "override", settings)
-        layout.operator("crowd_lod.add_agent_override", icon="EYEDROPPER")
         layout.operator("crowd_lod.erase", icon="SELECT_SUBTRACT")
         if settings.override_index < len(settings.overrides):
             self.entry(layout, settings.overrides[settings.override_index])

@@ -26,9 +26,9 @@ def settings():
 @pytest.fixture
 def two(settings):
     """A crowd on 40 by 20 meters, and an active one on 8 by 6 meters to the right of it."""
-    bpy.ops.crowd_lod.add_crowd()
+    bpy.ops.crowd_lod.add_row(kind="crowds")
     settings.size = (40, 20)
-    bpy.ops.crowd_lod.add_crowd()
+    bpy.ops.crowd_lod.add_row(kind="crowds")
     right = active_crowd(settings)
     right.center = (50, 0, 0)
     right.size = (8, 6)
@@ -65,10 +65,10 @@ def test_who_looks_at_a_new_scene_makes_no_crowd(settings):
 @pytest.mark.parametrize(
     "ask",
     [
-        lambda settings: bpy.ops.crowd_lod.add_crowd(),
+        lambda settings: bpy.ops.crowd_lod.add_row(kind="crowds"),
         lambda settings: bpy.ops.crowd_lod.new_map(),
         lambda settings: bpy.ops.crowd_lod.machine_preset(name="market"),
-        lambda settings: bpy.ops.crowd_lod.add_area(),
+        lambda settings: bpy.ops.crowd_lod.add_row(kind="areas"),
         lambda settings: settings.active_crowd,
         lambda settings: settings.count,
         lambda settings: setattr(settings, "count", 7),
@@ -102,7 +102,7 @@ def test_scripts_find_the_settings_of_the_first_crowd_in_the_scene(settings):
     item = settings.points = new("points", None)
     area = settings.areas.add()
     area.object = item
-    bpy.ops.crowd_lod.add_crowd()
+    bpy.ops.crowd_lod.add_row(kind="crowds")
     first, second = settings.crowds
     assert (first.count, (*first.center,), first.source, first.points) == (
         12,
@@ -143,18 +143,20 @@ def test_walls_and_machine_are_those_of_the_active_crowd(two):
     bpy.ops.crowd_lod.machine_preset(name="market")
     assert left.machine is None and draft_of(scene).labels == list(machine_of(right).labels)
     item = block(50)
-    bpy.ops.crowd_lod.add_area()
+    bpy.ops.crowd_lod.add_row(kind="areas")
     assert not len(left.areas) and [area.object for area in right.areas] == [item]
     assert (labels_of(right) == right.areas[0].label).any()
     scene.crowd_lod_editor.label_index = draft_of(scene).labels.index(right.areas[0].label)
     scene.crowd_lod_editor.label_name = "stone"
     assert right.areas[0].label == "stone"
     two.crowd_index = 0
-    assert draft_of(scene).labels == [] and not bpy.ops.crowd_lod.remove_area.poll()
+    assert draft_of(scene).labels == []
+    with pytest.raises(RuntimeError, match="There is no area"):
+        bpy.ops.crowd_lod.remove_row(kind="areas")
     item.location.x = 0
-    bpy.ops.crowd_lod.add_area()
+    bpy.ops.crowd_lod.add_row(kind="areas")
     assert len(left.areas) == len(right.areas) == 1
-    bpy.ops.crowd_lod.remove_area()
+    bpy.ops.crowd_lod.remove_row(kind="areas")
     assert (len(left.areas), len(right.areas)) == (0, 1)
     assert map_areas.trouble_of(scene) == ""
 
@@ -168,19 +170,19 @@ def test_a_reset_is_of_the_active_crowd(two):
 
 def test_without_its_first_crowd_the_scene_has_the_second(levelled):
     settings = levelled.crowd_lod
-    bpy.ops.crowd_lod.add_crowd()
+    bpy.ops.crowd_lod.add_row(kind="crowds")
     settings.crowds[1].count = 40
     settings.crowd_index = 0
-    assert bpy.ops.crowd_lod.remove_crowd() == {"FINISHED"}
+    assert bpy.ops.crowd_lod.remove_row(kind="crowds") == {"FINISHED"}
     assert names(settings) == ["Crowd 2"] and settings.count == 40
     assert len(trajectory_of(levelled).start) == 40
 
 
 def test_without_crowds_a_build_stands_still_and_populate_is_next(levelled):
     bpy.ops.crowd_lod.build()
-    bpy.ops.crowd_lod.remove_crowd()
+    bpy.ops.crowd_lod.remove_row(kind="crowds")
     settings = levelled.crowd_lod
-    assert not len(settings.crowds) and not bpy.ops.crowd_lod.remove_crowd.poll()
+    assert not len(settings.crowds)
     levelled.frame_set(5)
     assert not len(settings.crowds) and next(iter(reasons(levelled))) == "crowd_lod.populate"
     with pytest.raises(RuntimeError, match="not populated: press Populate"):

@@ -7,7 +7,7 @@ from crowd_lod_extension.crowd_lod.levels.cost_model import MEMORY
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import scene_data
 from crowd_lod_extension.operators.build.buttons import bake_frames, build_live
-from crowd_lod_extension.operators.build.character_images import IMAGE_BYTES
+from crowd_lod_extension.operators.build.character_images import IMAGE_BYTES, can_use_cache
 from crowd_lod_extension.operators.build.cost_estimate import CACHED, estimate
 from crowd_lod_extension.operators.lods.make_lods import make_levels
 from crowd_lod_extension.operators.scene.characters.group_measuring import measure_groups
@@ -113,16 +113,14 @@ def test_build_and_bake_say_what_images_take(crowd):
 
 
 @pytest.mark.skipif(bpy.app.version < (5, 2, 0), reason="Blender 4.5 has no texture cache")
-def test_a_press_turns_the_texture_cache_on_and_the_estimate_heeds_it(crowd, tmp_path):
+def test_a_texture_cache_is_offered_and_the_estimate_heeds_it(crowd, tmp_path):
     render = crowd.render
     full = 4 * SIZE**2
     render.use_texture_cache = False
     assert image_memory(crowd) == full
-    assert "Use Texture Cache" in finished(build_live(crowd))
-    assert bpy.ops.crowd_lod.use_texture_cache() == {"FINISHED"}
-    assert render.use_texture_cache and render.use_auto_generate_texture_cache
-    assert not bpy.ops.crowd_lod.use_texture_cache.poll()
-    assert "Use Texture Cache" not in finished(build_live(crowd))
+    assert "With a texture cache" in finished(build_live(crowd)) and can_use_cache(crowd)
+    render.use_texture_cache = render.use_auto_generate_texture_cache = True
+    assert "texture cache" not in finished(build_live(crowd)) and not can_use_cache(crowd)
     assert image_memory(crowd) == full  # packed images have no cache
     from_file(crowd, tmp_path)
     assert image_memory(crowd) == pytest.approx(CACHED * full)
@@ -134,11 +132,11 @@ def test_a_press_turns_the_texture_cache_on_and_the_estimate_heeds_it(crowd, tmp
     render.use_auto_generate_texture_cache = False
     assert image_memory(crowd) == pytest.approx(CACHED * full)
     render.engine = scene_data.EEVEE
-    assert not bpy.ops.crowd_lod.use_texture_cache.poll()
+    assert not can_use_cache(crowd)
     assert image_memory(crowd) == full
 
 
 @pytest.mark.skipif(bpy.app.version >= (5, 2, 0), reason="Blender 5.2 has a texture cache")
 def test_nothing_is_offered_without_a_texture_cache(crowd):
-    assert not bpy.ops.crowd_lod.use_texture_cache.poll()
-    assert "Use Texture Cache" not in finished(build_live(crowd))
+    assert not can_use_cache(crowd)
+    assert "texture cache" not in finished(build_live(crowd))

@@ -263,7 +263,7 @@ def test_files_of_before_there_were_edits_mean_the_same(scene):
 
 def test_numbers_of_several_crowds_are_those_of_all_together(levelled):
     settings = levelled.crowd_lod
-    bpy.ops.crowd_lod.add_crowd()
+    bpy.ops.crowd_lod.add_row(kind="crowds")
     settings.crowds[1].count = 20
     own = trajectory_of(levelled).at(3)
     press(levelled, 305, "NUDGE", "GROUP")

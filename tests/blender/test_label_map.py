@@ -144,7 +144,7 @@ def test_selected_meshes_lay_their_label_over_the_painted_map_and_follow(ground)
     bpy.ops.crowd_lod.new_map(pixels=80)
     item = block(10, -5, 4)
     before = inputs_of(ground)
-    bpy.ops.crowd_lod.add_area()
+    bpy.ops.crowd_lod.add_row(kind="areas")
     assert [(entry.name, entry.label) for entry in ground.crowd_lod.areas] == [("Block", "wall")]
     assert (
         place(ground, 10, -5) == "wall"
@@ -154,12 +154,12 @@ def test_selected_meshes_lay_their_label_over_the_painted_map_and_follow(ground)
     assert (labels_of(ground) == "wall").sum() == 8 * 8  # 4 m of half a meter
     item.location.x = 20
     bpy.context.view_layer.update()
-    bpy.ops.crowd_lod.refresh_areas()
+    make(ground)
     assert place(ground, 10, -5) == "lane" and place(ground, 20, -5) == "wall"
     ground.crowd_lod.areas[0].use = False
     make(ground)
     assert set(labels_of(ground).ravel()) == {"lane"}
-    bpy.ops.crowd_lod.remove_area()
+    bpy.ops.crowd_lod.remove_row(kind="areas")
     assert not len(ground.crowd_lod.areas)
 
 
@@ -192,7 +192,7 @@ def test_collections_curves_and_modifiers_count_and_the_lower_area_lies_above(gr
     )
     assert place(ground, 20, -5) == "crossing"
     ground.crowd_lod_editor.area_index = 1
-    bpy.ops.crowd_lod.move_area(by=-1)
+    bpy.ops.crowd_lod.move_row(kind="areas", by=-1)
     make(ground)
     assert place(ground, 20, -5) == "stall" and place(ground, 21.6, -5) == "crossing"
     settings.areas[0].object.data.fill_mode = "NONE"  # the curve's line is left
@@ -213,7 +213,7 @@ def test_agents_do_not_start_in_a_wall_and_the_walk_knows_it(ground, scene):
     groups = measure_groups(scene)
     outside = combine_crowds(scene, groups).start
     inside = (outside.x < 0) & (np.abs(outside.y) < 10)
-    bpy.ops.crowd_lod.add_area()
+    bpy.ops.crowd_lod.add_row(kind="areas")
     found = combine_crowds(scene, groups)
     now = (found.start.x < 0) & (np.abs(found.start.y) < 9.9)
     assert inside.any() and not now.any() and combine_crowds(scene, groups) is found
@@ -227,21 +227,21 @@ def test_agents_do_not_start_in_a_wall_and_the_walk_knows_it(ground, scene):
 ])  # fmt: skip
 def test_an_area_that_cannot_be_laid_is_named(ground, change, sentence):
     block(0, 0)
-    bpy.ops.crowd_lod.add_area()
+    bpy.ops.crowd_lod.add_row(kind="areas")
     kept = labels_of(ground)
     change(ground.crowd_lod.areas[0])
-    with pytest.raises(RuntimeError, match=f"The area Block {sentence}"):
-        bpy.ops.crowd_lod.refresh_areas()
+    with pytest.raises(CrowdError, match=f"The area Block {sentence}"):
+        make(ground)
     assert (labels_of(ground) == kept).all()
 
 
 def test_areas_of_another_ground_are_not_trusted(ground):
     block(0, 0)
-    bpy.ops.crowd_lod.add_area()
+    bpy.ops.crowd_lod.add_row(kind="areas")
     ground.crowd_lod.size = (30, 20)
     with pytest.raises(CrowdError, match="laid over another ground"):
         labels_of(ground)
-    bpy.ops.crowd_lod.refresh_areas()
+    make(ground)
     assert place(ground, 0, 0) == "wall"
     ground.crowd_lod_editor.label_index = 4
     ground.crowd_lod_editor.label_name = "rampart"
@@ -253,7 +253,7 @@ def test_areas_of_another_ground_are_not_trusted(ground):
 def test_an_area_off_the_ground_covers_nothing_and_edges_stay_without_a_map(ground):
     ground.crowd_lod.machine = None
     block(500, 500)
-    bpy.ops.crowd_lod.add_area()
+    bpy.ops.crowd_lod.add_row(kind="areas")
     ground.crowd_lod.areas[0].label = "right edge"
     assert make(ground) == 0
     columns = labels_of(ground)
@@ -264,7 +264,7 @@ def test_an_area_off_the_ground_covers_nothing_and_edges_stay_without_a_map(grou
 def test_areas_are_in_the_file_that_was_saved(ground, tmp_path):
     bpy.ops.crowd_lod.new_map(pixels=40)
     block(0, 0)
-    bpy.ops.crowd_lod.add_area()
+    bpy.ops.crowd_lod.add_row(kind="areas")
     kept = labels_of(ground)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "map.blend"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "map.blend"))

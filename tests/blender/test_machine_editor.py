@@ -74,7 +74,7 @@ def test_weights_are_fields_and_a_state_is_added_to_them_and_removed(market):
     assert list(editor.next_weights)[:4] == [2, 1, 1, 0]
     editor.next_weights[1] = 2.3
     assert bpy.ops.crowd_lod.machine_follow(state="buy") == {"FINISHED"}
-    bpy.ops.crowd_lod.machine_unfollow(state="stroll south")
+    bpy.ops.crowd_lod.machine_follow(remove=True, state="stroll south")
     assert changed(market) == [
         '"crossing": {"next": {"stroll east": 2, "stroll north": 2.3, "buy": 1}, "speed": 1.1, '
         '"heading": 0},'
@@ -89,26 +89,26 @@ def test_buttons_of_a_list_add_duplicate_move_and_remove(market, kind, count):
     index = f"{kind[:-1]}_index"
     setattr(market.crowd_lod_editor, index, 1)
     first = selected_name(market, kind)
-    bpy.ops.crowd_lod.machine_duplicate(kind=kind)
+    bpy.ops.crowd_lod.add_row(kind=kind, copy=True)
     assert selected_name(market, kind) == f"{first} 2"
-    bpy.ops.crowd_lod.machine_move(kind=kind, by=-2)
+    bpy.ops.crowd_lod.move_row(kind=kind, by=-2)
     names = getattr(draft_of(market), kind)
     assert (
         names[0] == f"{first} 2"
         and getattr(market.crowd_lod_editor, index) == 0
         and len(names) == count + 1
     )
-    bpy.ops.crowd_lod.machine_add(kind=kind)
+    bpy.ops.crowd_lod.add_row(kind=kind)
     assert selected_name(market, kind) == kind[:-1]
     for name in (kind[:-1], f"{first} 2"):
         setattr(market.crowd_lod_editor, index, getattr(draft_of(market), kind).index(name))
-        bpy.ops.crowd_lod.machine_remove(kind=kind)
+        bpy.ops.crowd_lod.remove_row(kind=kind)
     assert text_of(market) == MARKET
 
 
 def test_undo_and_redo_bring_texts_back(market):
     bpy.ops.ed.undo_push(message="preset")
-    bpy.ops.crowd_lod.machine_add(kind="states")
+    bpy.ops.crowd_lod.add_row(kind="states")
     bpy.ops.ed.undo_push(message="add")
     added = text_of(bpy.context.scene)
     bpy.context.scene.crowd_lod_editor.speed = 0.5
@@ -147,11 +147,11 @@ def test_a_refused_edit_leaves_the_text_and_says_why(market):
     editor.state_name = "walk"  # the next edit that works takes the sentence away
     assert problem_of(market) == ""
     with pytest.raises(RuntimeError, match="One state must follow"):
-        bpy.ops.crowd_lod.machine_unfollow(state="walk")
+        bpy.ops.crowd_lod.machine_follow(remove=True, state="walk")
     with pytest.raises(
         RuntimeError, match="No state does not follow walk: set State to one of walk"
     ):
-        bpy.ops.crowd_lod.machine_unfollow()
+        bpy.ops.crowd_lod.machine_follow(remove=True)
 
 
 def test_export_writes_the_text_and_import_reads_it(market, tmp_path):
@@ -173,6 +173,7 @@ def test_export_writes_the_text_and_import_reads_it(market, tmp_path):
 
 
 def test_without_a_text_of_ones_own_the_buttons_say_what_to_do():
-    for name in ("add", "duplicate", "remove", "move", "follow", "unfollow", "export"):
+    for name in ("add_row", "remove_row", "move_row", "machine_follow", "machine_export"):
+        options = {"kind": "states"} if name.endswith("row") else {}
         with pytest.raises(RuntimeError, match="Choose a state machine of your own first"):
-            getattr(bpy.ops.crowd_lod, f"machine_{name}")()
+            getattr(bpy.ops.crowd_lod, name)(**options)

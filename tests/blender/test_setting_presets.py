@@ -124,15 +124,13 @@ OPERATORS = [
     if issubclass(kind, bpy.types.Operator) and not issubclass(kind, AddPresetBase)
 ]
 ALWAYS = {
-    "add_area",
-    "add_crowd",
-    "add_goal",
-    "add_override",
-    "help",
+    "add_row",
     "machine_import",
     "machine_preset",
+    "move_row",
     "new_map",
     "open_report",
+    "remove_row",
     "reset",
     "sample",
 }
@@ -159,11 +157,11 @@ def test_no_poll_raises_without_a_scene():
     assert polled == dict.fromkeys(polled, False)
 
 
-# what Populate and the handlers write; and lists, which have buttons of their own
-# pop_reduction is drawn in percent
+# what Populate and the handlers write, and the path of a plan, which scripts may set; and lists,
+# which have buttons of their own; pop_reduction is drawn in percent
 NOT_DRAWN = {"points_count", "spawn_places", "terrain_mesh", "areas_image", "pop_reduction"}
-NOT_DRAWN |= {"simulation_file"}
-LISTED = {"areas", "goals", "overrides", "override_index"}
+NOT_DRAWN |= {"simulation_file", "shot_plan"}
+LISTED = {"override_index"}
 BUDGETS = {setting for setting, _, _ in LIMITS.values()}  # drawn from that table
 
 

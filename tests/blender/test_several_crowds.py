@@ -13,7 +13,7 @@ from ..support.scene_frames import frame_at, frame_now
 @pytest.fixture
 def two(levelled):
     bpy.ops.crowd_lod.populate()
-    bpy.ops.crowd_lod.add_crowd()
+    bpy.ops.crowd_lod.add_row(kind="crowds")
     more = levelled.crowd_lod.crowds[1]
     more.count = 40
     more.center = (0, 5, 3)
@@ -52,7 +52,7 @@ def _ids(scene) -> list[int]:
 
 def test_removing_the_crowd_gives_the_first_one_back(two):
     alone = Several.__name__
-    bpy.ops.crowd_lod.remove_crowd()
+    bpy.ops.crowd_lod.remove_row(kind="crowds")
     trajectory = trajectory_of(two)
     assert type(trajectory).__name__ != alone and len(trajectory.start) == 300
 

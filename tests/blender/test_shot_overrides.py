@@ -288,26 +288,23 @@ def test_an_override_outside_of_the_plan_has_nobody(levelled):
     assert chosen_agents(levelled) == [[]]
 
 
-def test_the_list_is_edited_by_its_buttons(scene):
-    settings = scene.crowd_lod
-    for operator in (
-        bpy.ops.crowd_lod.remove_override,
-        bpy.ops.crowd_lod.move_override,
-        bpy.ops.crowd_lod.add_agent_override,
-    ):
-        assert not operator.poll()
-    bpy.ops.crowd_lod.add_override()
+def test_the_list_is_edited_by_its_buttons(levelled):
+    settings = levelled.crowd_lod
+    for operator in (bpy.ops.crowd_lod.remove_row, bpy.ops.crowd_lod.move_row):
+        with pytest.raises(RuntimeError, match="There is no override"):
+            operator(kind="overrides")
+    bpy.ops.crowd_lod.add_row(kind="overrides")
     settings.agent = 17
-    bpy.ops.crowd_lod.add_agent_override()
-    bpy.ops.crowd_lod.add_override()
+    bpy.ops.crowd_lod.override_agent(type="NEVER_COARSER")
+    bpy.ops.crowd_lod.add_row(kind="overrides")
     names = lambda: [each.name for each in settings.overrides]  # noqa: E731
-    assert names() == ["Override", "Agent 17", "Override"] and settings.override_index == 2
+    assert names() == ["Override", "Never Coarser 17", "Override"] and settings.override_index == 2
     assert settings.overrides[1].agents == "17" and settings.overrides[1].use
     settings.override_index = 1
-    bpy.ops.crowd_lod.move_override(by=-1)
-    assert names()[0] == "Agent 17" and settings.override_index == 0
-    bpy.ops.crowd_lod.move_override(by=-1)
-    assert names()[0] == "Agent 17"
-    bpy.ops.crowd_lod.move_override(by=1)
-    bpy.ops.crowd_lod.remove_override()
+    bpy.ops.crowd_lod.move_row(kind="overrides", by=-1)
+    assert names()[0] == "Never Coarser 17" and settings.override_index == 0
+    bpy.ops.crowd_lod.move_row(kind="overrides", by=-1)
+    assert names()[0] == "Never Coarser 17"
+    bpy.ops.crowd_lod.move_row(kind="overrides", by=1)
+    bpy.ops.crowd_lod.remove_row(kind="overrides")
     assert names() == ["Override", "Override"] and settings.override_index == 0

@@ -21,7 +21,7 @@ def test_seven_panels_follow_the_order_of_the_work():
 
 def test_panels_and_operators_do_not_grow():
     assert len(kinds(bpy.types.Panel)) <= 26
-    assert len(kinds(bpy.types.Operator)) <= 60
+    assert len(kinds(bpy.types.Operator)) <= 44
 
 
 def test_a_panel_has_one_advanced_sub_panel_at_most():

@@ -172,7 +172,7 @@ def test_update_all_asks_before_it_makes_lods_of_a_character_without_an_action(n
     first, *_ = steps.messages(newcomer)
     assert "Newcomer has a rig that plays no action" in first.sentence
     assert first.remedy == "crowd_lod.take_action"
-    assert bpy.ops.crowd_lod.stand_still() == {"FINISHED"}
+    assert bpy.ops.crowd_lod.take_action(still=True) == {"FINISHED"}
     assert not any("plays no action" in line.sentence for line in steps.messages(newcomer))
     assert bpy.data.collections["Newcomer"]["stands_still"]
     done, _ = update(newcomer)

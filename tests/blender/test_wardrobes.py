@@ -127,7 +127,7 @@ def test_what_is_worn_follows_overrides_points_and_other_crowds(dressed):
     bpy.ops.crowd_lod.override_agent(type="HIDE")
     assert settings.overrides[-1].agents == str(third)
     settings.overrides.clear()
-    bpy.ops.crowd_lod.add_crowd()
+    bpy.ops.crowd_lod.add_row(kind="crowds")
     settings.crowds[1].count = 50
     several = populated(scene)
     assert len(several.bare.start) == 250 and len(several.parts) == 2

@@ -102,9 +102,9 @@ def wall():
         bpy.ops.mesh.primitive_cube_add(size=2, location=(x, y, 0))
         bpy.ops.ed.undo_push(message="cube")
     cube = bpy.context.object.name
-    yield from robot.press("crowd_lod.add_area")
+    yield from robot.press("crowd_lod.add_row", kind="areas")
     settings().areas[0].label = "right edge"
-    yield from robot.press("crowd_lod.refresh_areas")
+    yield from robot.press("crowd_lod.populate")
     found = {"added": (yield from walls_after(lambda: None))}
     with robot.over():
         found["moved"] = yield from walls_after(

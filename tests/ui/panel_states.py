@@ -148,7 +148,7 @@ def change_it(what: str, *words):
             put(several[n % len(several)], name, value)
     elif what == "press":
         with robot.over(), contextlib.suppress(RuntimeError):  # the sentence for the user
-            getattr(bpy.ops.crowd_lod, words[0])("EXEC_DEFAULT", True)
+            getattr(bpy.ops.crowd_lod, words[0])("EXEC_DEFAULT", True, **dict(*words[1:]))
     elif what == "popover":
         with robot.over():
             bpy.ops.wm.call_panel("INVOKE_DEFAULT", name=words[0])

@@ -115,8 +115,8 @@ def built_agents() -> list[list[int]]:
 
 def override(agent: int, kind: str):
     settings().agent = agent
-    status = yield from press("add_agent_override")
-    settings().overrides[settings().override_index].type = kind
+    status = yield from press("override_agent", type=kind)
+    settings().overrides[settings().override_index].level = 0
     return status
 
 

@@ -44,11 +44,10 @@ def saved(path: str, folder: str):
         settings.characters.children.unlink(group)
     quicken(robot.scene(), folder)
     needed = (
-        "add_crowd",
+        "add_row",
         "populate",
         "make_levels",
-        "add_agent_override",
-        "add_agent_override",
+        "override_agent",
         "plan_shot",
         "build",
     )

@@ -15,13 +15,10 @@ from hypothesis import strategies as st
 
 STATES = 10 * int(os.environ.get("CROWD_LOD_TRIALS", "1"))
 BUTTONS = (
-    "populate add_crowd remove_crowd remove_build add_override remove_override move_override "
-    "add_agent_override override_agent find_agents erase go_to_switch machine_preset"
+    "populate remove_build override_agent find_agents erase go_to_switch machine_preset new_map "
+    "walls_from_selection"
 ).split()
-BUTTONS += (
-    "machine_add machine_remove machine_duplicate machine_move new_map add_area "
-    "remove_area move_area refresh_areas walls_from_selection"
-).split()
+LISTS = "crowds", "goals", "areas", "states", "labels", "overrides"
 TEXTS = "", "garbage.npz", "plan.npz", "//gone/plan.npz", "a\tb\nc", "\n", "1,5", "x" * 300
 
 MOST_SETTINGS = 80  # in the sidebar with all panels open
@@ -94,6 +91,11 @@ def changes(knows: dict):
         put,
         st.sampled_from(knows["done"]).map(lambda name: (name,)),
         st.sampled_from(BUTTONS).map(lambda name: ("press", name)),
+        st.tuples(
+            st.just("press"),
+            st.sampled_from(["add_row", "remove_row", "move_row"]),
+            st.sampled_from(LISTS).map(lambda kind: {"kind": kind}),
+        ),
         st.sampled_from([("undo",), ("undo",), ("redo",)]),
         st.sampled_from(knows["menus"]).map(lambda name: ("menu", name)),
         st.sampled_from(knows["panels"]).map(lambda name: ("popover", name)),
@@ -116,7 +118,10 @@ STATES_OF_FILE = {
     "by tolerance": [("set", "settings", 0, "choice", "BY_TOLERANCE")],
     "file": [("set", "crowd", 0, "source", "FILE")],
     "points": [("set", "crowd", 0, "source", "POINTS")],
-    "simulation": [("set", "crowd", 0, "source", "SIMULATION"), ("press", "add_goal")],
+    "simulation": [
+        ("set", "crowd", 0, "source", "SIMULATION"),
+        ("press", "add_row", {"kind": "goals"}),
+    ],
     "rows on curves": [("set", "crowd", 0, "spawn_on", "CURVES")],
     "region": [("set", "override", 0, "select_by", "REGION")],
     "timer": [("set", "editor", 0, "use_timer", True), ("set", "editor", 0, "rule_index", 2)],
@@ -160,7 +165,14 @@ def test_figures_of_groups_that_are_gone_are_not_drawn(window):
 def test_a_machine_that_cannot_be_read_is_drawn(window, name):
     rules = ("set", "editor", 0, "rule_index", 3)
     window.draw(
-        [("machine of the market",), rules, (name,), ("press", "machine_add"), ("undo",), ("redo",)]
+        [
+            ("machine of the market",),
+            rules,
+            (name,),
+            ("press", "add_row", {"kind": "states"}),
+            ("undo",),
+            ("redo",),
+        ]
     )
 
 

@@ -18,7 +18,6 @@ ELSEWHERE = {
     "simulate",
     "erase",
     "machine_follow",
-    "machine_unfollow",
     "make_slot",
     "mark_as_prop",
 }

@@ -1,10 +1,10 @@
-"""Take Action and Stand Still: what characters whose rig plays nothing are to do."""
+"""Take Action: what characters whose rig plays nothing are to do, or that they stand still."""
 
 import bpy
 
 from ....crowd_lod.errors import CrowdError
 from ....crowd_lod.message_words import listed
-from ...blender.labeled_properties import StringProperty
+from ...blender.labeled_properties import BoolProperty, StringProperty
 from ...blender.operator import Reporting
 from ...settings import needs
 from .action_choice import choose_action, take
@@ -25,9 +25,19 @@ class CROWDLOD_OT_take_action(Reporting, bpy.types.Operator):
     action: StringProperty(
         name="Action", description="The action; empty for the walk that fits best"
     )
+    still: BoolProperty(
+        name="Stand Still",
+        description="Let characters whose rig plays nothing stand still as they are posed",
+    )
+
+    @classmethod
+    def description(cls, context, properties) -> str:
+        return properties.bl_rna.properties["still"].description if properties.still else ""
 
     def run(self, context) -> str:
         scene = context.scene
+        if self.still:
+            return _stand_still(scene, self.group)
         walks = nodding(scene)
         rigs = motionless(scene) | {name: rig for name, (rig, _) in walks.items()}
         if self.group:
@@ -61,26 +71,15 @@ def _rig_of_group(scene: bpy.types.Scene, group: str) -> bpy.types.Object:
     return rig
 
 
-class CROWDLOD_OT_stand_still(Reporting, bpy.types.Operator):
-    """Let characters whose rig plays nothing stand still as they are posed"""
-
-    bl_idname = "crowd_lod.stand_still"
-    bl_label = "Stand Still"
-    needs = (needs.characters,)
-
-    group: StringProperty(
-        name="Group", description="The character group; empty for all whose rig plays nothing"
-    )
-
-    def run(self, context) -> str:
-        scene = context.scene
-        names = [name for name in motionless(scene) if self.group in ("", name)]
-        if not names:
-            raise CrowdError("All characters with a rig have an action.")
-        for name in names:
-            owner_of(scene, name)[STANDS_STILL] = True
-        questions.drop(scene)
-        return f"Without an action {listed(names)} now stand still in the crowd."
+def _stand_still(scene: bpy.types.Scene, group: str) -> str:
+    """Let the group's rig, or all that play nothing, stand still; return a sentence."""
+    names = [name for name in motionless(scene) if group in ("", name)]
+    if not names:
+        raise CrowdError("All characters with a rig have an action.")
+    for name in names:
+        owner_of(scene, name)[STANDS_STILL] = True
+    questions.drop(scene)
+    return f"Without an action {listed(names)} now stand still in the crowd."
 
 
-CLASSES = (CROWDLOD_OT_take_action, CROWDLOD_OT_stand_still)
+CLASSES = (CROWDLOD_OT_take_action,)

@@ -1,4 +1,4 @@
-"""Buttons of the state machine editor: add, duplicate, remove, move, import, export, presets."""
+"""Buttons of the state machine editor: presets, what follows, import, export."""
 
 from pathlib import Path
 
@@ -13,12 +13,11 @@ from ...blender.labeled_properties import (
     CONTEXT,
     BoolProperty,
     EnumProperty,
-    IntProperty,
     StringProperty,
 )
 from ...blender.operator import Reporting
 from ...settings.crowds import active_or_new
-from .machine_editor import cell_of, change, draft_of, missing_text, selected_name, text_of
+from .machine_editor import cell_of, change, draft_of, missing_text, text_of
 
 
 class CROWDLOD_OT_machine_preset(Reporting, bpy.types.Operator):
@@ -54,128 +53,42 @@ class CROWDLOD_MT_machine_presets(bpy.types.Menu):
         self.layout.operator("crowd_lod.machine_export", icon="EXPORT")
 
 
-LISTS = [("states", "State", "A state of the machine"), ("labels", "Label", "A label of the map")]
-
-
 class _Editing(Reporting):
     needs = (missing_text,)
 
 
-class _OfSelected(_Editing):
-    """An edit of what is selected in the list of states or of labels."""
+class CROWDLOD_OT_machine_follow(_Editing, bpy.types.Operator):
+    """Let this state follow the selected one: one of all that follow is drawn by weight"""
 
-    kind: EnumProperty(name="Kind", items=LISTS, description="Which list")
-
-    def names(self, scene) -> list[str]:
-        found = draft_of(scene)
-        return found.states if self.kind == "states" else found.labels
-
-    def select(self, scene, name: str) -> None:
-        setattr(scene.crowd_lod_editor, f"{self.kind[:-1]}_index", self.names(scene).index(name))
-
-
-class CROWDLOD_OT_machine_add(_OfSelected, bpy.types.Operator):
-    """Add a state in which agents stand, or a label in a color of its own"""
-
-    bl_idname = "crowd_lod.machine_add"
-    bl_label = "Add to State Machine"
-
-    def run(self, context) -> str:
-        name = edits.unused_name(self.kind[:-1], self.names(context.scene))
-        change(context.scene, (edits.add_state if self.kind == "states" else edits.add_label)(name))
-        self.select(context.scene, name)
-        return f"The {self.kind[:-1]} {name} is added."
-
-
-class CROWDLOD_OT_machine_duplicate(_OfSelected, bpy.types.Operator):
-    """Add a copy of the selected state or label, with its rules"""
-
-    bl_idname = "crowd_lod.machine_duplicate"
-    bl_label = "Duplicate in State Machine"
-
-    def run(self, context) -> str:
-        name = selected_name(context.scene, self.kind)
-        copy = edits.unused_name(name, self.names(context.scene))
-        change(context.scene, edits.duplicate(self.kind, name, copy))
-        self.select(context.scene, copy)
-        return f"{copy} is a copy of {name}."
-
-
-class CROWDLOD_OT_machine_remove(_OfSelected, bpy.types.Operator):
-    """Remove the selected state or label and what leads to it; agents then stay in their state"""
-
-    bl_idname = "crowd_lod.machine_remove"
-    bl_label = "Remove from State Machine"
-
-    def run(self, context) -> str:
-        name = selected_name(context.scene, self.kind)
-        index = self.names(context.scene).index(name)
-        change(context.scene, edits.remove(self.kind, name))
-        setattr(context.scene.crowd_lod_editor, f"{self.kind[:-1]}_index", max(index - 1, 0))
-        return f"The {self.kind[:-1]} {name} is removed."
-
-
-class CROWDLOD_OT_machine_move(_OfSelected, bpy.types.Operator):
-    """Move the selected state or label; the first label is that of open ground"""
-
-    bl_idname = "crowd_lod.machine_move"
-    bl_label = "Move in State Machine"
-
-    by: IntProperty(name="By", description="Rows down; up below 0", default=1)
-
-    def run(self, context) -> str:
-        name = selected_name(context.scene, self.kind)
-        change(context.scene, edits.move(self.kind, name, self.by))
-        self.select(context.scene, name)
-        return f"{name} is at place {self.names(context.scene).index(name) + 1}."
-
-
-class _Following(_Editing):
-    """An edit of the states that follow the selected one."""
+    bl_idname = "crowd_lod.machine_follow"
+    bl_label = "Next State"
 
     state: StringProperty(name="State", description="The state that follows")
     timer: BoolProperty(
         name="After Timer", description="The state follows when the time is over, not on the label"
     )
+    remove: BoolProperty(name="Remove", description="Let this state not follow")
 
-    def targets(self, scene) -> tuple[str, str | None, list[tuple[str, float]]]:
+    @classmethod
+    def description(cls, context, properties) -> str:
+        return properties.bl_rna.properties["remove"].description if properties.remove else ""
+
+    def run(self, context) -> str:
+        scene = context.scene
         state, label = cell_of(scene)
         where = None if self.timer else label
-        return state, where, draft_of(scene).targets(state, where)
-
-
-class CROWDLOD_OT_machine_follow(_Following, bpy.types.Operator):
-    """Let this state follow as well: one of all is drawn by weight"""
-
-    bl_idname = "crowd_lod.machine_follow"
-    bl_label = "Add Next State"
-
-    def run(self, context) -> str:
-        state, label, targets = self.targets(context.scene)
-        change(context.scene, edits.set_targets(state, label, [*targets, (self.state, 1.0)]))
-        return f"{self.state} may follow {state}."
-
-
-class CROWDLOD_OT_machine_unfollow(_Following, bpy.types.Operator):
-    """Let this state not follow"""
-
-    bl_idname = "crowd_lod.machine_unfollow"
-    bl_label = "Remove Next State"
-
-    def run(self, context) -> str:
-        state, label, targets = self.targets(context.scene)
+        targets = draft_of(scene).targets(state, where)
+        if not self.remove:
+            change(scene, edits.set_targets(state, where, [*targets, (self.state, 1.0)]))
+            return f"{self.state} may follow {state}."
         names = [name for name, _ in targets]
         if self.state not in names:
             raise CrowdError(
                 f"{self.state or 'No state'} does not follow {state}: set State to one of "
                 f"{', '.join(names)}."
             )
-        change(
-            context.scene,
-            edits.set_targets(
-                state, label, [target for target in targets if target[0] != self.state]
-            ),
-        )
+        rest = [target for target in targets if target[0] != self.state]
+        change(scene, edits.set_targets(state, where, rest))
         return f"{self.state} does not follow {state}."
 
 
@@ -240,12 +153,7 @@ class CROWDLOD_OT_machine_export(_JsonFile, _Editing, bpy.types.Operator):
 CLASSES = (
     CROWDLOD_OT_machine_preset,
     CROWDLOD_MT_machine_presets,
-    CROWDLOD_OT_machine_add,
-    CROWDLOD_OT_machine_duplicate,
-    CROWDLOD_OT_machine_remove,
-    CROWDLOD_OT_machine_move,
     CROWDLOD_OT_machine_follow,
-    CROWDLOD_OT_machine_unfollow,
     CROWDLOD_OT_machine_import,
     CROWDLOD_OT_machine_export,
 )

@@ -137,7 +137,7 @@ def world_of(crowd, machine: machines.StateMachine) -> LabelMap:
     if over is not None and not areas_hold(crowd, machine):
         raise CrowdError(
             "The walls and areas were laid over another ground, map or state machine: press "
-            "Refresh Walls and Areas, or Populate."
+            "Populate."
         )
     image = crowd.map_image or over
     meshes = over and image_data.read_pixels(over)
