@@ -311,7 +311,7 @@ def _speed(several: Sequence[Message], _: str) -> str:
         else "check the speeds of the state machine, which are in m/s"
     )
     if not facts["median"]:
-        return f"Nobody moves: {remedy}."
+        return f"No agent moves: {remedy}."
     return f"Agents walk at a median of {number(facts['median'])} m/s: {remedy}."
 
 

@@ -72,7 +72,7 @@ def advance(
 def look_up_paces(
     x: np.ndarray, y: np.ndarray, state: np.ndarray, machine: StateMachine, world: LabelMap
 ) -> np.ndarray:
-    """Return at which of the machine's paces agents walk on, (n,) uint8.
+    """Return the index of each agent's pace, (n,) uint8.
 
     x, y: (n,) world meters.
     state: (n,) uint8. With the edge policy "stop", agents that stand at the map's border get the
@@ -114,7 +114,7 @@ class _Piece:
 class _Way:
     """The way of a crowd through one step, piece by piece, until no agent has time left.
 
-    now: the crowd, as far as it has come; its columns are written to.
+    now: the crowd, updated in place.
     agents: which of the crowd's n agents are still on their way: k indices, or at first all.
     cell: (2, k) intp, column and row of the cells they are in.
     rest: (k,) seconds they have left.

@@ -47,7 +47,7 @@ def slots_of(groups: Sequence[Group]) -> list[Slot]:
 def count_people(rows: int, worn: int) -> str:
     """Return in words how many agents there are in `rows`, `worn` of which are what they wear."""
     people = counted(rows - worn, "agent")
-    return f"{people} ({counted(worn, 'part')} worn)" if worn else people
+    return f"{people} ({counted(worn, 'accessory', 'accessories')})" if worn else people
 
 
 def draw_parts(

@@ -104,7 +104,7 @@ class Frame(Request, Outcome):
 
     @property
     def culled(self) -> np.ndarray:
-        """(n,) bool: who is there, and not visible."""
+        """(n,) bool: agents that exist but are outside the view."""
         present = self.crowd.present
         return ~self.visible if present is None else present & ~self.visible
 

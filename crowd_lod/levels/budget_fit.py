@@ -241,8 +241,8 @@ def _impossible(exceeded: dict[str, float]) -> str:
         f"{LIMITED[name][0]} to {LIMITED[name][1](value)}" for name, value in least.items()
     )
     return (
-        f"The budget is impossible with the coarsest LODs that can be made: in Shot > Budget "
-        f"set {settings} or more."
+        f"The budget is too low for the coarsest LODs that can be made: set {settings} or more in "
+        f"Shot > Budget."
     )
 
 

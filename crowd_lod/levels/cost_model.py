@@ -131,8 +131,8 @@ SECONDS = {
 }
 # what SECONDS rest on, in words
 DEVELOPERS = {
-    "CYCLES": "a processor of the developers",
-    "EEVEE": "a graphics card of the developers",
+    "CYCLES": "a reference CPU",
+    "EEVEE": "a reference GPU",
 }
 
 

@@ -71,7 +71,7 @@ def timeline(report: ShotReport) -> str:
     column = (x.end - x.begin) / len(numbers)
     marks = f'<g style="--wide:{max(min(0.7 * column, 8), 1.5):.1f}">' + "\n".join(ticks) + "</g>"
     text = (
-        "Each tick is a frame in which LODs change in sight, as high as the largest change. "
+        "Each tick is a frame with visible LOD switches, as high as the largest pop. "
         "Click it to see its rows in the table."
     )
     colors = [
@@ -345,7 +345,7 @@ def _worst(report: ShotReport) -> str:
 def _switch_table(report: ShotReport) -> str:
     switches = report.noticed
     if not len(switches):
-        return "<p>No LOD changes in sight.</p>"
+        return "<p>No visible LOD switches.</p>"
     rows = []
     begins = np.flatnonzero(np.diff(switches["frame"], prepend=switches["frame"][0] - 1))
     for frame_rows in np.split(switches, begins[1:]):

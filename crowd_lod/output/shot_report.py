@@ -88,16 +88,16 @@ def lead_of(report: ShotReport) -> str:
     engine = NAMES[report.shot.costs.engine]
     return (
         f"{counted(frames, 'frame')} of {report.people} for {engine}. The plan takes "
-        f"{triangles:.1%} of the triangles and {memory:.0%} of the memory that full detail takes, "
-        f"and changes LODs {count_switches(bill)} in sight. Thresholds, frame by frame, change "
-        f"them {count_switches(before)} and cost {_less(bill.above(before))}. {_in_step(report)}"
+        f"{triangles:.1%} of the triangles and {memory:.0%} of the memory of full detail, with "
+        f"{count_switches(bill)}. Without a plan: {count_switches(before)}, "
+        f"{_less(bill.above(before))}. {_in_step(report)}"
     )
 
 
 def count_switches(bill: Bill) -> str:
-    """Return how often LODs change in sight, and the sum of the pixels that this changes."""
-    times = counted(int(bill.switches.sum()), "time")
-    return f"{times} ({number(float(bill.pixels.sum()))} px in all)"
+    """Return how many visible LOD switches there are, and the sum of their pops."""
+    switches = counted(int(bill.switches.sum()), "visible LOD switch", "visible LOD switches")
+    return f"{switches} ({number(float(bill.pixels.sum()))} px in all)"
 
 
 def _in_step(report: ShotReport) -> str:
@@ -107,13 +107,13 @@ def _in_step(report: ShotReport) -> str:
         return ""
     numbers = f"{counts[0]} to {counts[-1]}" if len(counts) > 1 else f"{counts[0]}"
     return (
-        f"Agents share {numbers} phase classes: {report.phases.in_step:.1%} of close neighbors "
-        f"walk in step, with sixteen at random {report.phases.at_random:.1%}."
+        f"{numbers} walk phases are shared; {report.phases.in_step:.1%} of close neighbors look in "
+        f"step ({report.phases.at_random:.1%} with 16 random phases)."
     )
 
 
 def _less(above: float) -> str:
-    return "as much or more" if above < 0.0005 else f"{above:.1%} less, at most"
+    return "no lower cost" if above < 0.0005 else f"{above:.1%} lower cost"
 
 
 def figures_of(report: ShotReport) -> list[tuple[str, str]]:

@@ -135,23 +135,21 @@ def _check(shot: Shot, limits: _BudgetLimits) -> None:
     """Raise CrowdError if even the coarsest LODs break a limit, whatever the tolerance."""
     wide = relaxed(shot, inf)
     agents = wide.least_shown
-    everyone = (
-        "with the coarsest LODs that are made and allowed: raise it in Shot > Budget, or press "
-        "Make LOD Meshes, which by tolerance makes LODs for the budget."
+    remedy = (
+        "with these LODs. Raise it in Shot > Budget, or press Make LOD Meshes, which by tolerance "
+        "can make coarser ones."
     )
     for name, most, loads in zip(limits.names, limits.most, limits.loads(agents).T, strict=True):
         worst = int(loads.argmax())
         if not loads[worst] <= most:
             raise CrowdError(
-                f"The budget of {most:,.0f} {name} is impossible: frame "
-                f"{shot.survey.numbers[worst]} takes "
-                f"{loads[worst]:,.0f} at least, {everyone}"
+                f"The budget of {most:,.0f} {name} is too low: frame "
+                f"{shot.survey.numbers[worst]} takes at least {loads[worst]:,.0f} {remedy}"
             )
     if not (least := _memory(shot, agents)) <= limits.memory:
         raise CrowdError(
-            f"The budget of {limits.memory / 1e6:,.1f} MB is impossible: the shot takes "
-            f"{np.ceil(least / 1e5) / 10:,.1f} MB at least, "
-            f"{everyone}"
+            f"The budget of {limits.memory / 1e6:,.1f} MB is too low: the shot takes at least "
+            f"{np.ceil(least / 1e5) / 10:,.1f} MB {remedy}"
         )
 
 
@@ -286,14 +284,14 @@ def budget_sentence(points: Sequence[BudgetPoint], budget: Budget) -> str:
         return ""
     fitting = fitting_point(points, budget)
     if fitting is not None:
-        return f"Possible with LODs that deviate by up to {number(fitting.pixels)} px."
+        return f"Fits, with errors of up to {number(fitting.pixels)} px."
     least = points[-1]
     exceeded = _exceeded(least, budget)
     first = next(p for p in points if all(getattr(p, n) <= getattr(least, n) for n in exceeded))
     limit_names = " and ".join(
-        f"{LIMITED[name][0]} from {LIMITED[name][1](getattr(least, name))} on" for name in exceeded
+        f"{LIMITED[name][0]} {LIMITED[name][1](getattr(least, name))}" for name in exceeded
     )
     return (
-        f"Impossible. Possible is {limit_names} ({number(first.pixels)} px). For less press Make "
-        f"LOD Meshes, which by tolerance makes LODs for the budget."
+        f"Too low for these LODs: at least {limit_names} (errors of up to {number(first.pixels)} "
+        f"px). Make LOD Meshes, by tolerance, can make coarser ones."
     )

@@ -93,7 +93,7 @@ class LargestSwitch:
 
     @property
     def sentence(self) -> str:
-        return f"Worst change in sight: {number(self.pixels)} px, frame {self.frame}."
+        return f"Largest visible pop: {number(self.pixels)} px at frame {self.frame}."
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ class Clipped:
         where = "where an override ends"
         if self.reach is not None:
             where = f"at the {self.cause} clip ({number(self.reach)} m)"
-        return f"{counted(self.agents, 'agent')} {verb} at once {where}, frame {self.frame}."
+        return f"{counted(self.agents, 'agent')} {verb} at once {where} at frame {self.frame}."
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ class Verdict:
 
     @property
     def sentence(self) -> str:
-        change = self.change.sentence if self.change else "No LOD changes in sight."
+        change = self.change.sentence if self.change else "No visible LOD switches."
         return f"{change} {self.clipped.sentence}" if self.clipped else change
 
 

@@ -15,7 +15,7 @@ from ...crowd_lod.levels.assignment import deviations
 from ...crowd_lod.levels.budget_fit import Budget
 from ...crowd_lod.output import files, tables
 from ...crowd_lod.output.shot_page import shot_page
-from ...crowd_lod.output.shot_report import ShotReport, count_switches, shot_facts
+from ...crowd_lod.output.shot_report import ShotReport, shot_facts
 from ...crowd_lod.progress import Workload, run_in_thread, run_steps_in_thread
 from ...crowd_lod.shot import plan_file
 from ...crowd_lod.shot.budget import (
@@ -310,17 +310,16 @@ def sentence(planned: PlannedShot) -> str:
     bill = plan.bill
     before = plan.thresholds
     raised = (
-        f" To fit in the budget, LODs deviate by up to {number(bill.error)} pixels."
+        f" To fit in the budget, LODs have errors of up to {number(bill.error)} px."
         if plan.tolerance
         else ""
     )
-    above = max(bill.above(before), 0.0)
     return (
         f"{planned.report.verdict.sentence} "
-        f"{counted(frames, 'frame')} of {planned.report.people} planned. LODs change in sight "
-        f"{count_switches(bill)}, by distance {count_switches(before)}, for {above:.1%} more cost "
-        f"at most; "
-        f"{plan.bound:.1%} above the least possible at most.{raised}"
+        f"{counted(frames, 'frame')} of {planned.report.people} planned: "
+        f"{counted(bill.switches.sum(), 'visible LOD switch', 'visible LOD switches')} "
+        f"({before.switches.sum():,} without a plan), within {plan.bound:.1%} of the optimal cost."
+        f"{raised}"
     )
 
 
@@ -387,11 +386,10 @@ class CROWDLOD_OT_plan_shot(Stepwise, bpy.types.Operator):
 
 class CROWDLOD_OT_go_to_switch(Reporting, bpy.types.Operator):
     bl_description = (
-        "Go to the frame of the largest change in sight, and mark its agent; again, to the next "
-        "largest"
+        "Go to the frame of the largest visible pop, and mark its agent; again, to the next largest"
     )
     bl_idname = "crowd_lod.go_to_switch"
-    bl_label = "Go to Largest Change"
+    bl_label = "Go to Largest Pop"
     needs = (needs.plan,)
 
     def run(self, context) -> str:
@@ -399,7 +397,7 @@ class CROWDLOD_OT_go_to_switch(Reporting, bpy.types.Operator):
         settings = context.scene.crowd_lod
         rows = tables.largest_switches(full_path(settings.shot_plan).with_name("switches.csv"))
         if not rows:
-            return "No agent changes its LOD in sight."
+            return "No visible LOD switches."
         places = [(int(row["frame"]), int(row["agent"])) for row in rows]
         now = scene.frame_current, settings.agent
         at = (places.index(now) + 1) % len(places) if now in places else 0
@@ -411,8 +409,8 @@ class CROWDLOD_OT_go_to_switch(Reporting, bpy.types.Operator):
         elif not switch["to"]:
             lods = f"vanishes from LOD {switch['from']}"
         return (
-            f"Frame {places[at][0]}, agent {places[at][1]}: {lods}, changes up to "
-            f"{float(switch['change_px']):.2f} pixels."
+            f"Frame {places[at][0]}, agent {places[at][1]}: {lods}, a pop of "
+            f"{float(switch['change_px']):.2f} px."
         )
 
 

@@ -143,9 +143,7 @@ def _write_numbers(context, entry) -> str:
 
 
 class CROWDLOD_OT_find_agents(Reporting, bpy.types.Operator):
-    bl_description = (
-        "Find who stands in the region at this frame, without overrides, and keep their numbers"
-    )
+    bl_description = "Store the numbers of the agents that stand inside the region at this frame"
     bl_idname = "crowd_lod.find_agents"
     bl_label = "Find Agents"
     needs = needs.crowd, needs.place

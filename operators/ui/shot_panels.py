@@ -4,11 +4,12 @@ import bpy
 
 from ...crowd_lod.shot.budget import budget_sentence, fitting_point
 from ..blender import scene_data
+from ..freshness.artifacts import PLAN, reason_in, stale, words_of
 from ..scene.plan_verdict import verdict_in_words
 from ..scene.sources.crowd_overrides import CROWD_TYPES
 from ..settings.stored_figures import LIMITS, budget_of, possible_budgets
 from ..viewport import viewport_overlay
-from .drawing import label, letters_of, limit, paragraph, report_button, wide
+from .drawing import letters_of, limit, paragraph, report_button, wide
 from .settings_list import draw_list
 from .step_panel import StepPanel
 
@@ -34,7 +35,7 @@ def _draw_plan(context, layout, settings) -> None:
     row.use_property_split = False
     row.prop(settings, "use_shot_plan", toggle=True)
     report_button(row, "PLAN")
-    label(layout, *describe_hold(context.scene))
+    paragraph(layout, *describe_hold(context.scene), letters_of(context))
     if verdict := verdict_in_words(settings):
         paragraph(layout, verdict, "HIDE_OFF", letters_of(context))
     layout.operator("crowd_lod.go_to_switch", icon="VIEWZOOM")
@@ -53,19 +54,14 @@ def describe_hold(scene: bpy.types.Scene) -> tuple[str, str]:
         return "No plan: LODs by distance", "INFO"
     frame = viewport_overlay.latest(scene) if scene.crowd_lod.use_shot_plan else None
     if frame is None:
-        return (
-            "Switched off"
-            if not scene.crowd_lod.use_shot_plan
-            else "The overlay tells if it holds",
-            "INFO",
-        )
+        is_off = not scene.crowd_lod.use_shot_plan
+        return "Plan switched off" if is_off else "The overlay shows whether it holds", "INFO"
     if frame.planned:
-        return f"Frame {frame.time:g} is as planned", "CHECKMARK"
-    return (
-        ("Does not hold: see above", "ERROR")
-        if frame.unplanned
-        else ("The viewport's view has no plan", "INFO")
-    )
+        return "Plan up to date", "CHECKMARK"
+    if frame.unplanned:
+        changed = reason_in(words_of(stale(scene, PLAN)))
+        return f"Outdated{': ' * bool(changed)}{changed}. Plan again.", "ERROR"
+    return "The plan is for the scene's camera", "INFO"
 
 
 class CROWDLOD_PT_culling(StepPanel, bpy.types.Panel):

@@ -40,7 +40,7 @@ def style_of(scene, levels: int) -> tuple[Style, tuple[SkinnedCharacter, ...], t
         return (
             boxes,
             (),
-            (f"The characters are being read for the overlay: {read.progress:.0%}.",),
+            (f"Loading characters... {read.progress:.0%}",),
         )
     fits = [character.name for character in read.characters] == [
         group.name for group in settings.groups

@@ -7,7 +7,7 @@ import bpy
 
 from ..blender.removal import is_there
 
-STEPS_BACK = "The build shows here, so the overlay draws no characters."
+STEPS_BACK = "Overlay hidden while the build is visible."
 
 
 def shows_crowd(settings, space: bpy.types.SpaceView3D) -> bool:

@@ -67,7 +67,7 @@ def test_a_selected_rig_takes_its_meshes_along_and_a_mesh_its_rig(stage, capfd):
     assert groups() == {"Anna": ["Anna", "body", "coat", "hat"]}
     press(stage.objects["other"])
     assert groups()["Bert"] == ["Bert", "other"]
-    assert "A character in the collection Characters: Bert." in capfd.readouterr().out
+    assert "Added Bert to the collection Characters." in capfd.readouterr().out
     bpy.context.view_layer.update()
     assert {item.name: item.matrix_world for item in stage.objects} == places
     # so that no render shows them besides the crowd
@@ -85,7 +85,7 @@ def test_empties_that_importers_put_at_the_ends_of_bones_come_along(stage, capfd
     leaf.parent_bone = stage.objects["Anna"].data.bones[0].name
     press(stage.objects["Anna"], leaf)
     assert groups() == {"Anna": ["Anna", "body", "coat", "hat", "leaf"]}
-    assert "Left where they are" not in capfd.readouterr().out
+    assert "Not included" not in capfd.readouterr().out
 
 
 def test_all_selected_is_a_group_for_each_character_and_names_what_is_left(stage, capfd):
@@ -96,8 +96,7 @@ def test_all_selected_is_a_group_for_each_character_and_names_what_is_left(stage
         "statue": ["statue"],
     }
     told = (
-        "3 characters in the collection Characters: Anna, Bert, statue. Left where they are: "
-        "Camera, Lamp, stand."
+        "Added Anna, Bert, statue to the collection Characters. Not included: Camera, Lamp, stand."
     )
     assert told in capfd.readouterr().out
     assert homes()["Lamp"] == homes()["Camera"] == homes()["stand"] == ["Collection"]
@@ -205,7 +204,7 @@ def test_instances_metaballs_and_meshes_without_faces_are_named(stage, capfd):
     assert groups() == {"Bert": ["Bert", "other"]}
     told = capfd.readouterr().out
     assert (
-        "Left where they are: blob, dust, points." in told
+        "Not included: blob, dust, points." in told
         and "make them real (Object > Apply): sword." in told
     )
     assert [name for name, _, _ in characters_of(stage)] == ["Bert"]
@@ -242,7 +241,7 @@ def test_without_a_rig_or_mesh_it_says_what_to_select(stage):
     with pytest.raises(RuntimeError, match="Select the characters first"):
         press(stage.objects["Lamp"], stage.objects["Camera"])
     with pytest.raises(
-        RuntimeError, match=r"Nothing selected is a rig with meshes.*Left where they are: stand"
+        RuntimeError, match=r"Nothing selected is a rig with meshes.*Not included: stand"
     ):
         press(stage.objects["stand"])
     assert stage.crowd_lod.characters is None

@@ -128,7 +128,7 @@ def test_the_verdict_follows_the_plan_whoever_made_it(scene, tmp_path):
     about.write_text(json.dumps(plan_json))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "a.blend"))
     said = verdict_in_words(bpy.context.scene.crowd_lod)
-    assert said.startswith("Worst change in sight: 9.5 px, frame 7.")
+    assert said.startswith("Largest visible pop: 9.5 px at frame 7.")
 
 
 def test_a_save_that_fails_leaves_settings_and_output(scene, tmp_path):

@@ -61,4 +61,4 @@ def test_strict_makes_a_frame_without_the_plan_an_error(few, planned, tmp_path, 
     )
     told = capfd.readouterr().out
     assert "Frame 7: The shot plan covers frames 1 to 6" in told
-    assert name != "build" or told.count("No LOD changes in sight.") == 1  # of frames 5 and 6
+    assert name != "build" or told.count("No visible LOD switches.") == 1  # of frames 5 and 6

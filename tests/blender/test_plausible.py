@@ -102,7 +102,7 @@ def test_giants_are_told_in_meters(scene):
     [
         (5, "median of 5 m/s: check the speeds"),
         (0.05, "median of 0.05 m/s"),
-        (0.01, "Nobody moves: check the speeds"),
+        (0.01, "No agent moves: check the speeds"),
         (0, ""),
     ],
 )
@@ -169,7 +169,7 @@ def test_a_wrong_frame_rate_is_seen_in_the_median_speed(scene, tmp_path):
 
 def test_a_file_in_which_nobody_moves_is_told(scene, tmp_path):
     tracks(scene, tmp_path, [(k, f, k + f * 1e-5, k, 0) for k in range(20) for f in range(50)])
-    assert "Nobody moves: check Frame Rate and Unit." in warnings_of(
+    assert "No agent moves: check Frame Rate and Unit." in warnings_of(
         scene, tracks_unit="M", tracks_rate=25
     )
 

@@ -43,8 +43,8 @@ def test_a_press_that_could_only_say_no_plans_no_frame(planned):
     least = possible_budgets(settings)[-1].triangles
     settings.budget_triangles = int(least) - 1
     sentence = budget_sentence(possible_budgets(settings), budget_of(settings))
-    assert f"Triangles from {least:,.0f} on" in sentence
-    with pytest.raises(CrowdError, match="Impossible. Possible is Triangles from"):
+    assert f"at least Triangles {least:,.0f}" in sentence
+    with pytest.raises(CrowdError, match="Too low for these LODs: at least Triangles"):
         finished(refuse_budget(planned))
     settings.budget_finest = 1
     assert budget_of(settings).finest == 1

@@ -107,7 +107,7 @@ def test_a_cancel_between_steps_leaves_those_that_are_done(shot):
 
 def test_a_step_that_fails_is_named_with_those_that_stay(shot):
     shot.crowd_lod.budget_triangles = 1
-    with pytest.raises(CrowdError, match=r"^Plan Shot: .*impossible.* Make LOD Meshes before it"):
+    with pytest.raises(CrowdError, match=r"^Plan Shot: .*too low.* Make LOD Meshes before it"):
         finished(update_all(shot))
     assert shot.crowd_lod.levels is not None and not shot.crowd_lod.shot_plan
 
@@ -142,7 +142,7 @@ def test_the_command_updates_a_file_and_leaves_one_that_is_up_to_date(shot, tmp_
     saved = path.read_bytes()
     assert commands.run_command(words, "crowd-lod") == 0
     again = json.loads(capfd.readouterr().out.splitlines()[-1])
-    assert again["done"] == {} and "in sight" in again["verdict"]
+    assert again["done"] == {} and "visible" in again["verdict"]
     assert again["verdict"] in again["summary"]
     assert path.read_bytes() == saved
     assert commands.run_command(["update", "plaza", "--quiet"], "crowd-lod") == 1

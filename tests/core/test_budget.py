@@ -278,7 +278,7 @@ def test_overrides_hold_within_a_budget():
     )
     shot = replace(shot, survey=at_tolerance(survey, shot.meshes.bounds, 1.0))
     least = loads(shot, relaxed(shot, inf).coarsest, shot.meshes.triangles).max()
-    with pytest.raises(CrowdError, match=f"takes {least:,.0f} at least"):
+    with pytest.raises(CrowdError, match=f"takes at least {least:,.0f}"):
         finished(decide_within(shot, Budget(triangles=least - 1)))
     for budget in (least, 1.1 * least):
         plan = finished(decide_within(shot, Budget(triangles=budget)))
@@ -295,11 +295,11 @@ def test_impossible_budget_says_what_is_possible(worst):
     frame = coarsest.triangles.argmax()
     least = coarsest.triangles.max()
     with pytest.raises(
-        CrowdError, match=f"triangles is impossible: frame {frame} takes {least:,.0f} at least"
+        CrowdError, match=f"triangles is too low: frame {frame} takes at least {least:,.0f}"
     ):
         finished(decide_within(shot, Budget(triangles=worst)))
-    megabytes = f"{np.ceil(coarsest.price.memory / 1e5) / 10} MB at least, with the coarsest LODs"
-    with pytest.raises(CrowdError, match=f"MB is impossible: the shot takes {megabytes}"):
+    megabytes = f"{np.ceil(coarsest.price.memory / 1e5) / 10} MB with these LODs"
+    with pytest.raises(CrowdError, match=f"MB is too low: the shot takes at least {megabytes}"):
         finished(decide_within(shot, Budget(memory=worst)))
     finished(decide_within(shot, Budget(least, 0, coarsest.price.memory)))
 
@@ -325,15 +325,19 @@ def test_points_of_error_against_cost_end_at_the_least_that_is_possible():
     assert [*points] == sorted(points, key=lambda point: point.pixels)
     assert [*points] == sorted(points, key=lambda point: -point.triangles)
     least = points[-1]
-    for name, words in (("triangles", "Triangles from"), ("finest", ""), ("memory", "Memory from")):
+    for name, words in (
+        ("triangles", "at least Triangles"),
+        ("finest", ""),
+        ("memory", "at least Memory"),
+    ):
         value = getattr(least, name)
         possible = Budget(**{name: value})
         finished(decide_within(shot, possible))
         assert fitting_point(points, possible), name
-        assert budget_sentence(points, possible).startswith("Possible with LODs"), name
+        assert budget_sentence(points, possible).startswith("Fits, with errors of up to"), name
         if value:
             impossible = Budget(**{name: 0.99 * value})
-            with pytest.raises(CrowdError, match=r"impossible.*press Make"):
+            with pytest.raises(CrowdError, match=r"too low.*press Make"):
                 finished(decide_within(shot, impossible))
             assert words in budget_sentence(points, impossible), name
     assert budget_sentence(points, Budget()) == budget_sentence((), Budget(triangles=1)) == ""

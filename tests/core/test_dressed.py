@@ -67,7 +67,7 @@ def test_shares_and_exclusions_hold_and_another_slot_changes_nothing_else():
     more = dressed(8000, (*GROUPS[:5], part("boots", "shoes", 0.5), GROUPS[5]))
     assert wearers(more, "cap") == caps and wearers(more, "bob") == bobs
     assert (more.bare.start.x == crowds.bare.start.x).all()
-    assert (count_people(5, 2), count_people(1, 0)) == ("3 agents (2 parts worn)", "1 agent")
+    assert (count_people(5, 2), count_people(1, 0)) == ("3 agents (2 accessories)", "1 agent")
     looks = crowds.looks
     assert (looks[:8000] == crowds.bare.looks).all() and 0 <= looks.min() and looks.max() < 1
     assert not (looks[8000:] == looks[crowds.wearer[8000:]]).any()

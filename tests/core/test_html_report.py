@@ -35,7 +35,7 @@ def plan(name="adult", **levels):
         "scene": {"name": name, "file": None},
         "made_with": {"crowd_lod": "1", "blender": "5.2"},
         "trouble_says": "",
-        "preview": {"verdict": "Worst change in sight: 2 px."},
+        "preview": {"verdict": "Largest visible pop: 2 px."},
         "camera": name,
         "seconds": 1.0,
         "command": ["crowd-lod", name],
@@ -67,7 +67,7 @@ def test_the_page_is_whole_and_holds_the_tables():
         any("1.5 px, or by what the budget" in text for text in read.texts)
         and "adult: no" in read.texts
     )
-    assert "Worst change in sight: 2 px." in read.texts
+    assert "Largest visible pop: 2 px." in read.texts
 
 
 def test_names_are_text_and_pictures_are_relative():

@@ -46,8 +46,8 @@ def test_what_differs_stays_apart():
     speed = {"median": 0.0, "from_file": True}
     crowds = [Message(MessageKind.SPEED, facts=speed, crowd=name) for name in ("Guests", "Crew")]
     assert [line.sentence for line in lines_of(crowds, str)] == [
-        "Guests: Nobody moves: check Frame Rate and Unit.",
-        "Crew: Nobody moves: check Frame Rate and Unit.",
+        "Guests: No agent moves: check Frame Rate and Unit.",
+        "Crew: No agent moves: check Frame Rate and Unit.",
     ]
     moves = [
         Message(MessageKind.ROOT_MOTION, name, {"action": action, "way": 1.5})

@@ -59,12 +59,12 @@ def some_report(title="plaza", names=("adult", "child"), **more):
 
 def test_the_verdict_comes_first():
     text = shot_page(some_report())
-    assert text.index("Worst change in sight: 0.8 px, frame 7.") < text.index("12 frames of 60")
+    assert text.index("Largest visible pop: 0.8 px at frame 7.") < text.index("12 frames of 60")
 
 
 def test_phase_classes_are_told():
     text = shot_page(some_report())
-    assert "Agents share 4 to 5 phase classes: 3.1% of close neighbors walk in step" in text
+    assert "4 to 5 walk phases are shared; 3.1% of close neighbors look in step" in text
     assert "12.5 px" in text
 
 

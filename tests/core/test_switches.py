@@ -119,16 +119,16 @@ def test_the_verdict_tells_the_largest_switch_and_the_frame_in_which_most_are_cl
     how = "appear at once at the far clip (50 m)"
     if not told.clipped.appear:
         how = "vanish at once at the near clip (0.05 m)"
-    assert f"{told.clipped.agents} agents {how}, frame {told.clipped.frame}." in told.sentence
+    assert f"{told.clipped.agents} agents {how} at frame {told.clipped.frame}." in told.sentence
     assert told.sentence.startswith(
-        f"Worst change in sight: {number(told.change.pixels)} px, frame"
+        f"Largest visible pop: {number(told.change.pixels)} px at frame"
     )
 
 
 def test_the_verdict_on_a_still_shot_is_that_nothing_changes():
     shot = some_shot(0, agents=0)
     found = noticed(shot, shot.survey.coarsest, RADIUS)
-    assert verdict_of(shot.survey, found, [], 1.0).sentence == "No LOD changes in sight."
+    assert verdict_of(shot.survey, found, [], 1.0).sentence == "No visible LOD switches."
 
 
 def test_the_two_that_the_verdict_names_are_gone_to_first(tmp_path):

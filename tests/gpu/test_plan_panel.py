@@ -24,7 +24,7 @@ def test_the_panel_says_whether_the_plan_holds_in_the_frame_that_is_shown(tmp_pa
             assert bpy.ops.crowd_lod.plan_shot() == {"FINISHED"}
         scene.frame_set(2)
         frame = shown(scene).frame
-        assert shot_panels.describe_hold(scene) == ("Frame 2 is as planned", "CHECKMARK")
+        assert shot_panels.describe_hold(scene) == ("Plan up to date", "CHECKMARK")
         assert not frame.visible[settings.agent] and seen[settings.agent]
         said = describe(viewport_overlay.account_of(scene))
         assert said == f"Agent {settings.agent}, culled: override"
@@ -32,7 +32,10 @@ def test_the_panel_says_whether_the_plan_holds_in_the_frame_that_is_shown(tmp_pa
         entry.type = "ALWAYS"
         entry.level = 0
         shown(scene)
-        assert shot_panels.describe_hold(scene) == ("Does not hold: see above", "ERROR")
+        assert shot_panels.describe_hold(scene) == (
+            "Outdated: the overrides changed. Plan again.",
+            "ERROR",
+        )
         said = [sentence for sentence, *_ in steps.messages(scene)]
         assert any(
             each.startswith("The shot plan is not used, for the overrides changed since")
@@ -48,4 +51,4 @@ def test_the_panel_says_whether_the_plan_holds_in_the_frame_that_is_shown(tmp_pa
         said = [sentence for sentence, *_ in steps.messages(scene)]
         assert "The shot plan covers frames 1 to 3: here thresholds hold." in said
         settings.overlay = False
-        assert shot_panels.describe_hold(scene) == ("The overlay tells if it holds", "INFO")
+        assert shot_panels.describe_hold(scene) == ("The overlay shows whether it holds", "INFO")

@@ -70,7 +70,7 @@ def draw_places(
     labels = [place.words for place in places[:SHOWN]]
     if not tiles:
         tiles = [np.zeros((*TILE[::-1], 4), np.uint8)] * len(PLACE_TITLES)
-        labels = ["Nobody\nis judged"]
+        labels = ["No agent\nis judged"]
     sheet = yield from labeled_sheet(tiles, len(PLACE_TITLES), PLACE_TITLES, labels)
     yield from run_in_thread(partial(save_png, path, sheet))
 

@@ -249,7 +249,7 @@ def _notes(selected: Sequence[bpy.types.Object], characters: dict, moved: dict) 
     }
     instances = {item for item in left if item.instance_collection is not None}
     if left - instances:
-        yield f"Left where they are: {_listed(left - instances)}."
+        yield f"Not included: {_listed(left - instances)}."
     if inner := instances.difference(selected):
         yield (
             f"Instances of collections, left until you make them real (Object > Apply): "
@@ -343,10 +343,9 @@ class CROWDLOD_OT_characters_from_selection(Reporting, bpy.types.Operator):
                 move_to(item, home, scene)
         brought = [_bring(scene, top, *pair) for pair in reading.instanced.items()]
         finest = [*(group.owner for group in Reading(moved, {}).groups()), *brought]
-        many = f"{len(finest)} characters" if len(finest) > 1 else "A character"
         walks = [note for items in moved.values() for note in take_walks(scene, items)]
         notes = [*walks, *_given_notes(scene, top, moved), *_instance_notes(reading), *notes]
-        return " ".join([f"{many} in the collection {top.name}: {_listed(finest)}.", *notes])
+        return " ".join([f"Added {_listed(finest)} to the collection {top.name}.", *notes])
 
 
 CLASSES = (CROWDLOD_OT_characters_from_selection,)
