@@ -85,6 +85,7 @@ class Walk(Trajectory):
         self._floors = self.heights if layered else None
         self._place_start()
         self.still = stays_still(self.start, self.machine, self.world)
+        self.stays = self.seated or self.still
         self._fade_start()
         # on the map, where the state machine knows them
         self._first = _onto(self.world.area, self.start) if self.seated else self.start
@@ -191,7 +192,7 @@ class Walk(Trajectory):
 
     @cached_property
     def _velocity(self) -> VelocityBounds:
-        if self.seated or self.still:
+        if self.stays:
             return STANDING
         return bounds_of_walk(self.machine, self.heights)
 

@@ -54,6 +54,7 @@ class Changed(Trajectory):
         self.every = base.every
         self.first_frame = base.first_frame
         self.still = base.still
+        self.stays = base.stays
         self.reused = ReusedColumns()
         self.start = self._change(base.start)
 

@@ -68,6 +68,7 @@ class Several(Trajectory):
                 ]
             )
         self.still = all(member.still for member in self.members)
+        self.stays = all(member.stays for member in self.members)
 
     def _number_offsets(self) -> dict[str, list[int]]:
         """Return for each column that holds numbers by how much those of each member move up.

@@ -43,6 +43,7 @@ class Trajectory(ABC):
     every: so many frames the planner's blocks hold (frame/index_cache.py).
     still: whether nobody ever moves or changes its state, once the first step has taken who stands
         beside the area onto it.
+    stays: whether nobody ever moves, whatever its state.
     area: a rectangle that the crowd stays on.
     heights: the ground that agents stand on, a height map or a terrain; None if it is level.
     gaits: at which rates the groups play their actions.
@@ -63,6 +64,7 @@ class Trajectory(ABC):
     heights: Ground | None
     gaits: Gaits
     still: bool = False
+    stays: bool = False
     ids: np.ndarray | None = None
     given_phases: np.ndarray | None = None
     wearer: np.ndarray | None = None

@@ -73,6 +73,12 @@ def without_heading(points: np.ndarray) -> Places:
     return Places(points, np.full(len(points), np.nan, np.float32))
 
 
+def facing(places: Places, x: float, y: float) -> Places:
+    """Return the places with headings toward (x, y), world meters."""
+    away = np.array((x, y)) - places.points[:, :2]
+    return Places(places.points, np.arctan2(away[:, 1], away[:, 0]).astype(np.float32))
+
+
 def on_surface(
     corners: np.ndarray, weights: np.ndarray, count: int, seed: int, density: Density | None = None
 ) -> Places:

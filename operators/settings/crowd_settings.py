@@ -255,6 +255,12 @@ class CrowdSettings:
         description="Angle added to where agents face: inward from a closed curve, to the right "
         "of an open one",
     )
+    face: PointerProperty(
+        type=bpy.types.Object,
+        name="Face",
+        description="Object whose origin agents face where they spawn, such as a stage or an empty; "
+        "without one they face as their places do",
+    )
     spawn_places: PointerProperty(
         type=bpy.types.Mesh,
         name="Places",

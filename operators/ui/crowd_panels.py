@@ -7,7 +7,7 @@ from ...crowd_lod.format import counted
 from ..scene.machine.machine_editor import draft_of
 from ..scene.machine.machine_settings import rows_of
 from ..scene.machine.tracks_source import notes_on_frames
-from ..scene.sources.spawn_source import SPAWNING
+from ..scene.sources.spawn_source import ON_OBJECT, SPAWNING
 from ..settings.crowds import active_crowd
 from ..settings.level_settings import CrowdLodGroup
 from .action_menu import draw_action
@@ -64,7 +64,7 @@ def _draw_source(layout, crowd) -> None:
 def _draw_start(layout, crowd) -> None:
     """Draw where the agents of a crowd start."""
     layout.prop(crowd, "spawn_on")
-    if crowd.spawn_on in ("SURFACE", "CURVES", "POINTS"):
+    if crowd.spawn_on in ON_OBJECT:
         layout.prop(crowd, "spawn_object")
     if crowd.spawn_on == "SURFACE":
         item = crowd.spawn_object
@@ -75,8 +75,12 @@ def _draw_start(layout, crowd) -> None:
     if crowd.spawn_on in ("GRID", "CURVES"):
         layout.prop(crowd, "spacing")
     if crowd.spawn_on == "CURVES":
-        for name in ("rows", "row_depth", "row_rise", "row_turn"):
+        for name in ("rows", "row_depth", "row_rise"):
             layout.prop(crowd, name)
+        if crowd.face is None:
+            layout.prop(crowd, "row_turn")
+    if crowd.source == "MACHINE" and crowd.spawn_on in ON_OBJECT:
+        layout.prop(crowd, "face")
 
 
 class CROWDLOD_PT_groups(StepPanel, bpy.types.Panel):

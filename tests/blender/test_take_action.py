@@ -141,7 +141,7 @@ def test_what_does_not_fit_is_refused_in_a_sentence(skinned, change):
     assert skinned.animation_data is None or skinned.animation_data.action is None
 
 
-def test_who_stands_in_a_stadium_does_not_glide(skinned):
+def test_who_sits_in_an_audience_does_not_glide(skinned):
     settings = bpy.context.scene.crowd_lod
     text = bpy.data.texts.new("sit")
     text.from_string(

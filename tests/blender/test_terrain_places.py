@@ -305,6 +305,26 @@ def test_rows_along_a_curve_do_not_depend_on_its_thickness(scene):
     assert thick.x.tobytes() == thin.x.tobytes() and len(bpy.data.curves) == 1
 
 
+def test_who_spawns_on_an_object_faces_another(scene):
+    sitting(scene)
+    settings = scene.crowd_lod
+    settings.spawn_on = "POINTS"
+    settings.spawn_object = add(scene, "Seats", [(4, 0, 1), (0, 4, 1), (-4, 0, 1)])
+    settings.face = stage = bpy.data.objects.new("Stage", None)
+    scene.collection.objects.link(stage)
+    for x in (0.0, 40.0):
+        stage.location = (x, 0, 3)
+        start = populated(scene).start
+        ways = np.stack([np.cos(start.heading), np.sin(start.heading)], axis=1)
+        to = np.stack([x - start.x, -start.y], axis=1)
+        cosine = (ways * to).sum(axis=1) / np.hypot(*to.T)
+        assert np.allclose(cosine, 1, atol=1e-6)
+        assert not changed_since_populate(scene)
+    stage.location.y = 5
+    bpy.context.view_layer.update()
+    assert changed_since_populate(scene)
+
+
 def test_instances_give_places_and_headings(scene):
     sitting(scene)
     parent = add(scene, "Seats", [(0, 0, 1), (60, 0, 2), (0, 70, 3)])

@@ -101,6 +101,19 @@ def test_a_crowd_that_stands_plays_its_actions_and_is_planned_once():
     )
 
 
+def test_an_audience_that_cheers_is_planned_once():
+    trajectory = shot(load_preset("audience"), count=3000, seated=True)
+    camera = straight(offset=(0, 30, 0))
+    states = trajectory.at(9).state
+    assert leave_outs.STATIC not in left(trajectory, camera)
+    for time in (100, 60.25):
+        assert left(trajectory, camera, POLICY, time) & {leave_outs.STATIC, leave_outs.STILL} == {
+            leave_outs.STATIC
+        }
+        assert (trajectory.at(time).state != states).any()
+    assert leave_outs.STATIC not in left(trajectory, straight(offset=(1, 30, 0)))
+
+
 def test_what_is_kept_of_a_crowd_ends_with_it():
     for table in (None, walking()):  # of one that stands, the last plan is kept, too
         trajectory = shot(table)
@@ -124,7 +137,7 @@ def test_agents_off_the_map_are_taken_onto_it_before_they_stand():
 
 
 def test_presets_lean_and_full():
-    for name in ("chapter", "plaza", "stadium", "evacuation", "market"):
+    for name in ("audience", "chapter", "plaza", "concourse", "evacuation", "market"):
         table = load_preset(name)
         random = np.random.default_rng(2)
         world = LabelMap(random.integers(len(table.labels), size=(11, 13), dtype=np.uint8), AREA)

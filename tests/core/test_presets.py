@@ -57,7 +57,7 @@ def evacuation(machine):
     )
 
 
-def stadium(machine):
+def concourse(machine):
     rows = [("row", slice(r, r + 2), ALL) for r in range(12, 60, 4)] + [
         ("seat", r, ALL) for r in range(13, 60, 4)
     ]
@@ -66,11 +66,11 @@ def stadium(machine):
                    ("wall", ALL, 0), ("wall", ALL, -1))  # fmt: skip
 
 
-CLOSED = {"market": ("wall", "stall"), "evacuation": ("wall",), "stadium": ("wall", "pitch")}
+CLOSED = {"market": ("wall", "stall"), "evacuation": ("wall",), "concourse": ("wall", "pitch")}
 
 
 @pytest.mark.once
-@pytest.mark.parametrize("make", [market, evacuation, stadium])
+@pytest.mark.parametrize("make", [market, evacuation, concourse])
 def test_agents_keep_out_of_walls_and_out_of_trouble(make):
     machine = load_preset(make.__name__)
     world = make(machine)
@@ -92,6 +92,21 @@ def test_agents_keep_out_of_walls_and_out_of_trouble(make):
     assert trouble(crowd, machine, world, 20.0) == ()
     if machine.name == "evacuation":
         assert states[-1][machine.states.index("safe")] > 500
+
+
+def test_an_audience_stays_and_cheers_where_it_is_lively():
+    machine = load_preset("audience")
+    world = painted(machine, 10, 30, ("lively", ALL, slice(10, 20)), ("quiet", ALL, slice(20, 30)))
+    start = populate(3000, 2, 1, machine, world)
+    label = world.at(start.x, start.y)
+    trajectory = Walk(start, machine, world, (walker(),), 1 / 6)
+    cheers = np.zeros(3000)
+    for frame in range(121, 721, 20):
+        crowd = trajectory.at(frame)
+        assert (crowd.x == start.x).all() and (crowd.heading == start.heading).all()
+        cheers += crowd.state == machine.states.index("cheer")
+    seats, lively, quiet = (cheers[label == k].mean() / 30 for k in range(3))
+    assert abs(seats - 1 / 6) < 0.02 and abs(lively - 2 / 3) < 0.05 and quiet == 0
 
 
 def test_a_sign_that_leads_into_a_wall_is_found():

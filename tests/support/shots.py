@@ -69,7 +69,7 @@ def every_step(walk):
 def full_plan(trajectory, *arguments):
     """The plan by a radar test of every agent, which holds no plan made before."""
     other = copy(trajectory)
-    other.still = False
+    other.still = other.stays = False
     with patch.object(morton_order, "FEWEST", len(trajectory.start) + 1):
         return plan(other, *arguments)
 

@@ -118,7 +118,7 @@ def _sections(
     films: at the frames of the span. left_out: by the surroundings of the first of them.
     """
     trajectory, policy, runs = crowd.trajectory, crowd.policy, effort.runs
-    walks = [walk for walk in walks_of(trajectory) if not (walk.seated or walk.still)]
+    walks = [walk for walk in walks_of(trajectory) if not walk.stays]
     behavior = Section("behavior", "Behavior", "", UNMOVED)
     if walks:
         length = min(shot[-1] - shot[0], effort.length) or 1

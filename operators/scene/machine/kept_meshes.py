@@ -57,13 +57,17 @@ def shape_digest(objects: Sequence[bpy.types.Object]) -> str:
 
     No name is in it. Where moving objects stand is left out.
     """
+    shapes = map(provenance.object_digest, objects)
+    return provenance.text_digest(sorted(zip(shapes, places_of(objects), strict=True)))
+
+
+def places_of(objects: Sequence[bpy.types.Object]) -> list[list]:
+    """Return where each object stands, as rows of its matrix; [] where it may move."""
     moving = set(moving_names(objects))
-    places = [
+    return [
         [] if item.name in moving else np.array(item.matrix_world).round(5).tolist()
         for item in objects
     ]
-    shapes = map(provenance.object_digest, objects)
-    return provenance.text_digest(sorted(zip(shapes, places, strict=True)))
 
 
 def moving_names(objects: Sequence[bpy.types.Object]) -> list[str]:

@@ -19,6 +19,7 @@ _places = scene_cache.Bounded(8)
 HEADING = "heading"  # attribute of the kept mesh, and of the user's points
 SPAWNING = "MACHINE", "SIMULATION"  # sources of crowds that spawn somewhere
 LIVE = "RECTANGLE", "GRID"  # these follow from the settings alone
+ON_OBJECT = "SURFACE", "CURVES", "POINTS"
 
 
 def read_places(crowd, forward: str, depsgraph: bpy.types.Depsgraph) -> None:
@@ -44,6 +45,9 @@ def read_places(crowd, forward: str, depsgraph: bpy.types.Depsgraph) -> None:
     }
     try:
         places = ways[crowd.spawn_on](crowd, item, depsgraph)
+        if crowd.face is not None:
+            x, y, _ = crowd.face.evaluated_get(depsgraph).matrix_world.translation
+            places = spawn_places.facing(places, x, y)
     except CrowdError as error:
         raise CrowdError(f"{item.name}: {error}") from None
     mesh = bpy.data.meshes.new("Crowd LOD places")
@@ -100,7 +104,8 @@ def places_digest(crowd) -> str:
     image = crowd.density_image and crowd.density_image.name_full
     numbers = crowd.spawn_on, crowd.count, crowd.seed, spacing_of(crowd), crowd.density_group, image
     shapes = [kept_meshes.shape_digest(items) for items in ([crowd.spawn_object], volumes)]
-    return provenance.text_digest(numbers, shapes)
+    faced = [] if crowd.face is None else kept_meshes.places_of([crowd.face])
+    return provenance.text_digest(numbers, shapes, faced)
 
 
 def _on_surface(crowd, item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Places:
