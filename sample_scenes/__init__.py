@@ -1,13 +1,13 @@
 """Sample scenes, made by scripts: deterministic, and small.
 
 "chapter" is the scene of the chapter's figure 1.5. "plaza" is a town square with walls and a flying
-camera. "station" is a concourse of two floors, whose people were simulated.
+camera. "station" is a concourse of two floors, whose people were simulated. "stand" is an audience.
 """
 
 # No bpy up here: the plaza's plan, NumPy alone, is tested without Blender.
 from ..crowd_lod.errors import CrowdError
 
-NAMES = ("chapter", "plaza", "station")
+NAMES = ("chapter", "plaza", "station", "stand")
 
 
 def make(name: str, scene) -> None:
@@ -19,6 +19,7 @@ def make(name: str, scene) -> None:
     """
     if name not in NAMES:
         raise CrowdError(f"There is no sample scene {name!r}; there are {', '.join(NAMES)}.")
-    from . import chapter, plaza, station
+    from . import chapter, plaza, stand, station
 
-    {"chapter": chapter, "plaza": plaza, "station": station}[name].make(scene)
+    samples = {"chapter": chapter, "plaza": plaza, "station": station, "stand": stand}
+    samples[name].make(scene)

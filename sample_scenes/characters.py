@@ -1,6 +1,7 @@
-"""Three rigged characters that walk and wait, made by script: the same every time."""
+"""Three rigged characters that walk, wait, sit and cheer, made by script: the same every time."""
 
 from collections.abc import Sequence
+from functools import partial
 
 import bpy
 import numpy as np
@@ -8,7 +9,7 @@ from mathutils import Matrix
 
 from ..operators.blender.materials import switch_nodes_on
 from .body import Body, Build, make_body
-from .walk import Cycle, idle_cycle, walk_cycle
+from .walk import Cycle, cheer_cycle, idle_cycle, sit_cycle, walk_cycle
 
 FPS = 24
 
@@ -36,19 +37,20 @@ def make_characters(
     speed: float = 1.25,
     builds: Sequence[Build] = BUILDS,
     finer: int = 0,
-    idle: bool = False,
+    plays: Sequence[str] = ("walk",),
 ) -> list[bpy.types.Collection]:
-    """Add rigged, walking characters to `collection`: a child collection for each.
+    """Add rigged characters to `collection`: a child collection for each.
 
-    A child collection holds an armature and its mesh. Its property "stride" is the meters walked in
-    one cycle.
-    The characters stand at the origin on z = 0, face +x, and walk on the spot. Their action repeats
+    A child collection holds an armature and its mesh. Its property "stride" is the meters covered
+    in one cycle.
+    The characters stand at the origin on z = 0, face +x, and walk on the spot. Their actions repeat
     for ever, with one key per frame from frame 1, for 24 frames per second. In a character's own
-    space the standing foot moves along -x at `speed`, meters per second.
+    space the standing foot of a walk moves along -x at `speed`, meters per second.
     Selection, modes and the current frame stay as they are.
     finer: additional steps of subdivision, each with four times the faces; -2 leaves those of the
     cage, some 350.
-    idle: whether each also gets an action in which it stands and waits, called "idle" and its name.
+    plays: the actions of each, "walk", "idle", "sit" or "cheer"; the last is its own. Their names
+        end in that of the character.
     """
     groups = []
     for build in builds:
@@ -61,13 +63,16 @@ def make_characters(
         mesh.modifiers.new("Armature", "ARMATURE").object = armature
         for item in (armature, mesh):
             group.objects.link(item)
-        cycle = walk_cycle(body.joints, build.period, speed * build.period / FPS)
-        if idle:
-            waits = make_action(
-                f"idle {group.name}", armature, idle_cycle(body.joints, 4 * build.period)
-            )
-            waits.use_fake_user = True
-        make_action(f"walk {build.name}", armature, cycle)
+        cycles = {
+            "walk": partial(walk_cycle, period=build.period, stride=speed * build.period / FPS),
+            "idle": partial(idle_cycle, period=4 * build.period),
+            "sit": partial(sit_cycle, period=4 * build.period),
+            "cheer": partial(cheer_cycle, period=build.period),
+        }
+        for name in plays:
+            cycle = cycles[name](body.joints)
+            action = make_action(f"{name} {group.name}", armature, cycle)
+            action.use_fake_user = name != plays[-1]
         group["stride"] = cycle.stride
         groups.append(group)
     return groups

@@ -38,7 +38,7 @@ def make(scene: bpy.types.Scene) -> None:
     table = parse(machine.as_string(), "plaza")
     world = site.plan(table)
     characters = child(scene, "Characters", hidden=True)
-    make_characters(characters, speed=1.25, idle=True)
+    make_characters(characters, speed=1.25, plays=("idle", "walk"))
     obstacles = child(scene, "Obstacles")
     scenery = child(scene, "Scenery")
     build_houses(obstacles, scenery)

@@ -33,7 +33,7 @@ def make(scene: bpy.types.Scene) -> None:
     film(scene)
     scene.frame_end = 240
     characters = child(scene, "Characters", hidden=True)
-    make_characters(characters, speed=1.25, idle=True)
+    make_characters(characters, speed=1.25, plays=("idle", "walk"))
     floors = child(scene, "Floors")
     scenery = child(scene, "Scenery")
     build_floors(floors)

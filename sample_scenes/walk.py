@@ -1,4 +1,4 @@
-"""The walk and the wait of the sample characters: a pose for every frame of one cycle.
+"""What the sample characters do, walk, wait, sit and cheer: a pose for every frame of one cycle.
 
 The poses are solved so that the feet never slide. NumPy alone.
 Character space: meters, walking along +x on the spot, so that the ground and the foot on it move
@@ -18,6 +18,7 @@ HEEL_OFF = 0.30
 # of the foot, degrees, toes down positive
 STRIKE_PITCH = -17
 LEAVE_PITCH = 62
+SEAT = 0.4  # meters, the height of a bench
 REACH = 0.996  # of the leg's length at most: the knee never quite straightens
 
 
@@ -113,12 +114,77 @@ def idle_cycle(joints: dict, period: int) -> Cycle:
     shift[:, 2] -= (
         max(overreach(joints, tag, hips, shift, ankle) for tag, ankle in ankles.items()) + 0.01 * k
     )
-    for tag, ankle in ankles.items():
-        turns["thigh" + tag], turns["shin" + tag] = bend_leg(
-            joints, tag, hip_joint(joints, tag, hips, shift), ankle
-        )
-        turns["foot" + tag] = turns["toe" + tag] = pitch(zero)
+    put_feet(joints, turns, shift, ankles)
     return Cycle(turns, shift, 0.0)
+
+
+def sit_cycle(joints: dict, period: int) -> Cycle:
+    """Return a skeleton that sits on a bench: it breathes and looks about, as in idle_cycle.
+
+    The hips are above the origin, the feet before it; short legs hang. joints, period: as for
+    walk_cycle.
+    """
+    waits = idle_cycle(joints, period)
+    zero = np.zeros(period + 1)
+    turns = waits.turns | {"hips": yaw(zero), "spine": pitch(zero - np.radians(4))}
+    for tag, side in ((".L", 1), (".R", -1)):
+        turns["upper_arm" + tag] = pitch(zero - np.radians(22)) @ roll(
+            zero + side * np.radians(-24)
+        )
+        for bone in ("forearm", "hand"):
+            inward = roll(zero + side * np.radians(-46))
+            turns[bone + tag] = pitch(zero - np.radians(62)) @ inward
+    _, hip, knee = joints["thigh.L"]
+    # the thigh's half thickness is about a fifth of its length
+    shift = np.zeros((period + 1, 3))
+    shift[:, 2] = max(SEAT + 0.2 * (hip[2] - knee[2]), knee[2]) - hip[2]
+    shin = leg_lengths(joints, ".L")[1]
+    hangs = max(0.0, (hip + shift[0])[2] - 0.99 * shin - joints["foot.L"][1][2])
+    put_feet(joints, turns, shift, feet_before(joints, period, hangs))
+    return Cycle(turns, shift, 0.0)
+
+
+def cheer_cycle(joints: dict, period: int) -> Cycle:
+    """Return a skeleton that has stood up from sit_cycle, throws up its arms and bounces.
+
+    Its feet stay where they are while it sits, on the ground. joints, period: as for walk_cycle.
+    """
+    phase = np.arange(period + 1) % period / period
+    k = joints["head"][2][2] / 1.75
+    beat = np.cos(2 * np.pi * phase)
+    zero = np.zeros_like(phase)
+    turns = {
+        "hips": yaw(zero),
+        "spine": pitch(zero - np.radians(2)),
+        "chest": pitch(np.radians(-3) - np.radians(3) * beat),
+        "neck": pitch(zero - np.radians(4)),
+        "head": pitch(np.radians(-6) + np.radians(5) * beat),
+    }
+    for tag, side in ((".L", 1), (".R", -1)):
+        up = pitch(np.radians(-150) - np.radians(14) * beat)
+        turns["upper_arm" + tag] = up @ roll(zero + side * np.radians(-10))
+        for bone in ("forearm", "hand"):
+            bent = pitch(np.radians(-168) - np.radians(8) * beat)
+            turns[bone + tag] = bent @ roll(zero + side * np.radians(-22))
+    ankles = feet_before(joints, period, 0.0)
+    shift = np.stack([ankles[".L"][:, 0], zero, 0.03 * k * (beat - 1)], 1)
+    shift[:, 2] -= max(overreach(joints, tag, turns["hips"], shift, ankles[tag]) for tag in ankles)
+    put_feet(joints, turns, shift, ankles)
+    return Cycle(turns, shift, 0.0)
+
+
+def feet_before(joints: dict, period: int, up: float) -> dict[str, np.ndarray]:
+    """Return each ankle's places (period + 1, 3) while its owner sits, `up` meters above rest."""
+    ahead = (0.9 * leg_lengths(joints, ".L")[0], 0.0, up)
+    return {tag: np.tile(joints["foot" + tag][1] + ahead, (period + 1, 1)) for tag in (".L", ".R")}
+
+
+def put_feet(joints: dict, turns: dict, shift: np.ndarray, ankles: dict[str, np.ndarray]) -> None:
+    """Add to `turns` those of the legs, which bring the ankles to their places, feet level."""
+    for tag, ankle in ankles.items():
+        hip = hip_joint(joints, tag, turns["hips"], shift)
+        turns["thigh" + tag], turns["shin" + tag] = bend_leg(joints, tag, hip, ankle)
+        turns["foot" + tag] = turns["toe" + tag] = pitch(np.zeros(len(ankle)))
 
 
 def foot_path(joints: dict, tag: str, phase: np.ndarray, stride: float):

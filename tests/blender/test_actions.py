@@ -49,7 +49,7 @@ def waiting(scene):
     bpy.data.batch_remove(
         [*(item for group in groups for item in group.objects), *groups, *bpy.data.actions]
     )
-    make_characters(people, idle=True, finer=CAGE)
+    make_characters(people, plays=("idle", "walk"), finer=CAGE)
     people.children.unlink(people.children["heavy"])
     name_actions(scene)
     scene.crowd_lod.count = 60

@@ -1,20 +1,26 @@
 """The sample scenes: the same every time, complete, true to their maps, and alone in the file."""
 
 import hashlib
+from dataclasses import replace
 
 import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension import sample_scenes
+from crowd_lod_extension.crowd_lod.crowd import leave_outs
+from crowd_lod_extension.crowd_lod.crowd.agents import Action
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.output import tables
 from crowd_lod_extension.operators.blender import cameras, image_data
+from crowd_lod_extension.operators.blender.named_actions import find_action
 from crowd_lod_extension.operators.plan import scene_json
 from crowd_lod_extension.operators.scene import scene_crowd
 from crowd_lod_extension.operators.scene.characters import group_measuring
 from crowd_lod_extension.operators.scene.machine import scene_world
-from crowd_lod_extension.sample_scenes import station_plan
+from crowd_lod_extension.sample_scenes import stand, station_plan
 from mathutils.bvhtree import BVHTree
+
+from ..support.crowds import walker
 
 FRAMES = (1, *range(10, 121, 10))
 
@@ -217,6 +223,41 @@ def test_who_waits_in_the_station_plays_another_action_of_the_three_groups():
     assert set(crowd.group) == {0, 1, 2}
     waiting = slice(-scene.crowd_lod.crowds[1].count, None)
     assert not set(crowd.pace[waiting]) & set(crowd.pace[: waiting.start])
+
+
+@pytest.mark.once
+def test_the_audience_of_the_stand_sits_on_its_steps_faces_the_ball_and_is_planned_once_a_camera():
+    scene = make_scene("stand")
+    groups = []  # measuring them would take ten seconds
+    for item in scene.crowd_lod.characters.children:
+        assert find_action(item.name, "cheer") and find_action(item.name, "sit")
+        names = scene_world.actions_named(scene, item.name)
+        actions = tuple(Action(name, 0.0, 1.0) for name in names)
+        groups.append(replace(walker(stride=0.0), name=item.name, actions=actions))
+    trajectory = scene_crowd.trajectory_of(scene, tuple(groups))
+    start = trajectory.start
+    assert len(start) == 3000 and trajectory.stays
+    item = next(item for item in scene.objects if item.name.startswith("Stand"))
+    faces = [tuple(polygon.vertices) for polygon in item.data.polygons]
+    tree = BVHTree.FromPolygons([vertex.co for vertex in item.data.vertices], faces)
+    # before the bench, where the feet are
+    feet = np.stack([start.x, start.y], 1) * (1 - 0.4 / np.hypot(start.x, start.y))[:, None]
+    for (x, y), z in zip(feet.tolist(), start.z.tolist(), strict=True):
+        assert tree.ray_cast((x, y, z + 0.3), (0, 0, -1))[0].z == pytest.approx(z, abs=1e-5)
+    ball = np.arctan2(stand.FOCUS[1] - start.y, stand.FOCUS[0] - start.x)
+    assert np.allclose(np.exp(1j * start.heading), np.exp(1j * ball), atol=1e-6)
+
+    policy = scene_crowd.policy_of(scene.crowd_lod)
+    held = []
+    for frame in (1, 2, 40, 41, 80, 81, 120):
+        scene.frame_set(frame)
+        view = cameras.camera_from(scene.camera, scene.render, scene.view_layers[0].depsgraph)
+        held.append(leave_outs.STATIC in plan(trajectory, view, policy, frame).left_out)
+    assert held == [False, True, True, False, True, False, True]
+    crowd = trajectory.at(120)
+    angle = np.arctan2(crowd.x, crowd.y)
+    cheers = crowd.state == trajectory.machine.states.index("cheer")
+    assert not cheers[angle > 0.9].any() and cheers[np.abs(angle) < 0.3].mean() > 0.5
 
 
 def test_other_scenes_stay_as_they_are():

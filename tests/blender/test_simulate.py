@@ -475,7 +475,7 @@ def test_who_waits_stands_in_an_action_of_its_own(scene):
     bpy.data.batch_remove(
         [*(item for group in groups for item in group.objects), *groups, *bpy.data.actions]
     )
-    make_characters(people, idle=True, finer=CAGE)
+    make_characters(people, plays=("idle", "walk"), finer=CAGE)
     settings = scene.crowd_lod
     settings.source = "SIMULATION"
     settings.count = 12
