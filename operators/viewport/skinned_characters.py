@@ -198,8 +198,8 @@ def _baking(name: str, bench: _Bench) -> Generator[float, None, SkinnedCharacter
         yield work.did(1)
     joints = _Joints(recorder)
     pieces = []
-    for part, at_rest in zip(bench.parts, meshes_at_rest, strict=True):
-        pieces.append(_piece(part, joints, at_rest))
+    for number, at_rest in enumerate(meshes_at_rest):
+        pieces.append(_piece(bench.parts[number], joints, at_rest))  # which each yield renews
         yield work.did(1)
     frames = joints.frames()
     if frames.shape[1] > MOST_JOINTS:
