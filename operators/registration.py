@@ -19,7 +19,7 @@ from .cli import commands
 from .deliver import farm_job, open_report, update_all
 from .deliver.accuracy import accuracy
 from .deliver.preview import preview
-from .deliver.proof import verify
+from .deliver.proof import measured_error, verify
 from .deliver.usd import export
 from .lods import give_lod, make_lods
 from .plan import shot_plan
@@ -78,6 +78,7 @@ MODULES = (
     accuracy,
     update_all,
     verify,
+    measured_error,
     open_report,
     playblast,
     buttons,

@@ -275,6 +275,12 @@ def _exceeded(point: BudgetPoint, budget: Budget) -> list[str]:
     ]
 
 
+def least_possible(points: Sequence[BudgetPoint], budget: Budget) -> dict[str, float]:
+    """Return the least values with which the budget is possible, by the fields that are too low."""
+    least = points[-1]
+    return {name: getattr(least, name) for name in _exceeded(least, budget)}
+
+
 def budget_sentence(points: Sequence[BudgetPoint], budget: Budget) -> str:
     """Return whether the budget is possible, and with which error; "" without limits or points.
 
@@ -285,11 +291,10 @@ def budget_sentence(points: Sequence[BudgetPoint], budget: Budget) -> str:
     fitting = fitting_point(points, budget)
     if fitting is not None:
         return f"Fits, with errors of up to {number(fitting.pixels)} px."
-    least = points[-1]
-    exceeded = _exceeded(least, budget)
-    first = next(p for p in points if all(getattr(p, n) <= getattr(least, n) for n in exceeded))
+    least = least_possible(points, budget)
+    first = next(p for p in points if all(getattr(p, name) <= least[name] for name in least))
     limit_names = " and ".join(
-        f"{LIMITED[name][0]} {LIMITED[name][1](getattr(least, name))}" for name in exceeded
+        f"{LIMITED[name][0]} {LIMITED[name][1](value)}" for name, value in least.items()
     )
     return (
         f"Too low for these LODs: at least {limit_names} (errors of up to {number(first.pixels)} "

@@ -110,6 +110,15 @@ def worst_frame(result: dict) -> int:
     return max(result["frames"], key=badness)["frame"]
 
 
+def worst_agent(result: dict) -> dict | None:
+    """Return what verify.json tells of the agent whose outline is farthest off its limit; None if
+    all are within theirs, but for those that are missing or too much.
+    """
+    wrong = [agent for agent in result["agents"] if agent["ok"] is False]
+    off = [agent for agent in wrong if agent["error_px"] is not None]
+    return max(off, key=lambda agent: agent["error_px"], default=None)
+
+
 def _largest_error(rows: Sequence[dict]) -> list[str]:
     """Return the phrase on the largest error of outlines, and of those apart."""
     measured = [row for row in rows if row["error_px"] is not None]
@@ -161,13 +170,11 @@ def _of_outlines(result: dict) -> list[str]:
                 f"{counted(row[kind], one, many)} in frame {row['frame']}: "
                 f"{_few(names, row[kind])}{f' ({more:,} in other frames)' if more else ''}"
             )
-    off = [agent for agent in wrong if agent["error_px"] is not None]
-    if off:
-        worst = max(off, key=lambda agent: agent["error_px"])
+    if worst := worst_agent(result):
         count = sum(row["off"] for row in result["frames"]) - 1
         phrases.append(
             f"agent {worst['agent']} (LOD {worst['lod']}, frame {worst['frame']}) is off by "
-            f"{worst['error_px']:.1f} px of {worst['allowed_px']:.1f}"
+            f"{worst['error_px']:.2f} px, limit {worst['allowed_px']:.2f} px"
             f"{f', and {count:,} more' if count else ''}"
         )
     return phrases

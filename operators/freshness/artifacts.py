@@ -5,7 +5,7 @@ docs/notes/freshness.md has the table of artifacts and parts.
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import bpy
 
@@ -40,12 +40,14 @@ Parts = Mapping[str, str]
 class ProofResult(NamedTuple):
     """What the last proof of a scene found.
 
-    sentence: its verdict; ok: whether the pictures are the same; made_of: the parts proved.
+    sentence: its verdict; ok: whether the pictures are the same; made_of: the parts proved; worst:
+    of verify.json the agent that is farthest off, None if none is.
     """
 
     sentence: str
     ok: bool
     made_of: Parts
+    worst: Mapping[str, Any] | None = None
 
 
 _proofs: dict[int, ProofResult] = scene_cache.add_cache({}, by_scene=True)

@@ -34,6 +34,7 @@ from ...crowd_lod.shot.shot_cost import Shot, meshes_of
 from ...crowd_lod.shot.survey import Survey
 from ...crowd_lod.shot.switches import noticed, verdict_of
 from ..blender import cameras, scene_data
+from ..blender.labeled_properties import IntProperty
 from ..blender.operator import Reporting, Stepwise
 from ..blender.output_folders import full_path, output_path, place_of
 from ..freshness.parts import request_parts
@@ -390,11 +391,20 @@ class CROWDLOD_OT_go_to_switch(Reporting, bpy.types.Operator):
     )
     bl_idname = "crowd_lod.go_to_switch"
     bl_label = "Go to Largest Pop"
-    needs = (needs.plan,)
+
+    frame: IntProperty(name="Frame", description="The frame to go to instead, with Agent")
+    agent: IntProperty(
+        name="Agent", default=-1, min=-1, description="The agent to mark instead; -1 for the pop's"
+    )
 
     def run(self, context) -> str:
         scene = context.scene
         settings = context.scene.crowd_lod
+        if self.agent >= 0:
+            scene.frame_current, settings.agent = self.frame, self.agent
+            return f"Frame {self.frame}, agent {self.agent}."
+        if lack := needs.plan(scene):
+            raise CrowdError(lack)
         rows = tables.largest_switches(full_path(settings.shot_plan).with_name("switches.csv"))
         if not rows:
             return "No visible LOD switches."

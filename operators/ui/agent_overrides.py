@@ -11,7 +11,7 @@ from ...crowd_lod.format import counted
 from ...crowd_lod.shot.overrides import agents_text
 from ...crowd_lod.sources.trajectory import Trajectory
 from ..blender import scene_data
-from ..blender.labeled_properties import EnumProperty
+from ..blender.labeled_properties import EnumProperty, IntProperty
 from ..blender.operator import Reporting
 from ..scene.scene_crowd import trajectory_of
 from ..scene.shot_overrides import find_agents
@@ -38,8 +38,14 @@ class CROWDLOD_OT_override_agent(Reporting, bpy.types.Operator):
     )
     bl_idname = "crowd_lod.override_agent"
     bl_label = "Override Agent"
-    needs = needs.crowd, needs.picked
+    needs = (needs.crowd,)
 
+    agent: IntProperty(
+        name="Agent", default=-1, min=-1, description="The agent; -1 for the picked one"
+    )
+    level: IntProperty(
+        name="LOD", default=-1, min=-1, description="The LOD to keep; -1 for the one that it has"
+    )
     type: EnumProperty(
         name="Change",
         items=[
@@ -65,6 +71,10 @@ class CROWDLOD_OT_override_agent(Reporting, bpy.types.Operator):
     def run(self, context) -> str:
         scene = context.scene
         settings = context.scene.crowd_lod
+        if self.agent >= 0:
+            settings.agent = self.agent
+        if lack := needs.picked(scene):
+            raise CrowdError(lack)
         dressed = trajectory_of(scene)
         trajectory = dressed.bare
         agent = settings.agent
@@ -85,6 +95,8 @@ class CROWDLOD_OT_override_agent(Reporting, bpy.types.Operator):
             entry.move[0] += NUDGE / scene_data.meters(scene)
         elif self.type == "GROUP":
             entry.group_name = _next_group(trajectory, agent)
+        elif self.type in ("ALWAYS", "NEVER_COARSER") and self.level >= 0:
+            entry.level = self.level
         elif self.type in ("ALWAYS", "NEVER_COARSER"):
             frame = viewport_overlay.latest(scene)
             entry.level = (

@@ -1,5 +1,8 @@
 """The panels of what the shot becomes: its render set-up, its checks, what is handed over."""
 
+from collections.abc import Mapping
+from typing import Any
+
 import bpy
 
 from ...crowd_lod.errors import CrowdError
@@ -10,7 +13,7 @@ from ..build.render_setup import baked_of
 from ..build.visibility import layers_of
 from ..deliver.hand_over import Lack, lacks_of, sizes_of
 from ..deliver.usd.openusd import missing_openusd
-from ..freshness.artifacts import build_artifact, stale
+from ..freshness.artifacts import build_artifact, current_proof, stale
 from ..freshness.bake_frames import is_bake
 from ..settings import needs
 from ..settings.stored_figures import costs_of
@@ -107,6 +110,12 @@ class CROWDLOD_PT_check(StepPanel, bpy.types.Panel):
         return "crowd_lod.verify", "Verify"
 
     def body(self, context, layout, settings) -> None:
+        proof = current_proof(context.scene)
+        if proof is not None:
+            icon = "CHECKMARK" if proof.ok else "ERROR"
+            paragraph(layout, proof.sentence, icon, letters_of(context))
+            if proof.worst:
+                _draw_remedies(layout, proof.worst)
         row = layout.row(align=True)
         row.prop(settings, "verify_count")
         row.operator("crowd_lod.show_proof", text="", icon="IMAGE_DATA")
@@ -121,6 +130,26 @@ class CROWDLOD_PT_check(StepPanel, bpy.types.Panel):
         row = layout.row(align=True)
         button(row, "crowd_lod.report_error", icon="GRAPH")
         report_button(row, "ERROR")
+
+
+def _draw_remedies(layout, worst: Mapping[str, Any]) -> None:
+    """Draw what mends, or shows, the agent that a proof found farthest off."""
+    grid = layout.grid_flow(row_major=True, columns=2, even_columns=True, align=True)
+    show = grid.operator(
+        "crowd_lod.go_to_switch",
+        text=f"Go to Frame {worst['frame']}",
+        icon="VIEWZOOM",
+        translate=False,
+    )
+    show.frame, show.agent = worst["frame"], worst["agent"]
+    pin = grid.operator(
+        "crowd_lod.override_agent",
+        text=f"Pin LOD {max(worst['lod'] - 1, 0)}",
+        icon="PINNED",
+        translate=False,
+    )
+    pin.type, pin.agent, pin.level = "ALWAYS", worst["agent"], max(worst["lod"] - 1, 0)
+    layout.operator("crowd_lod.use_measured_error", icon="DRIVER_DISTANCE")
 
 
 class CROWDLOD_PT_hand_over(StepPanel, bpy.types.Panel):

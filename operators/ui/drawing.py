@@ -9,6 +9,25 @@ import bpy.utils.previews
 from ..blender import scene_data, steps
 
 SIZE = 16  # pixels
+# what a step says while it works
+AT_WORK = {
+    "crowd_lod.populate": "Populating",
+    "crowd_lod.simulate": "Simulating",
+    "crowd_lod.record_points": "Recording",
+    "crowd_lod.make_levels": "Making LODs",
+    "crowd_lod.plan_shot": "Planning",
+    "crowd_lod.build": "Building",
+    "crowd_lod.bake": "Baking",
+    "crowd_lod.estimate": "Estimating",
+    "crowd_lod.preview": "Rendering",
+    "crowd_lod.verify": "Verifying",
+    "crowd_lod.report_error": "Measuring",
+    "crowd_lod.export_usd": "Exporting",
+    "crowd_lod.write_farm_job": "Writing",
+    "crowd_lod.render_viewport": "Rendering",
+    "crowd_lod.update_all": "Updating",
+}
+PROGRESS_WIDTH = 7  # in units of a widget: the longest of them fits
 _icons: bpy.utils.previews.ImagePreviewCollection | None = None
 
 
@@ -62,7 +81,9 @@ def button(
     step = steps.at_work()
     if step is not None and step.name == name:
         done = step.slices.progress
-        layout.progress(factor=done, text=f"{step.slices.label}: {done:.0%}", translate=False)
+        row = layout.row()
+        row.ui_units_x = PROGRESS_WIDTH
+        row.progress(factor=done, text=f"{AT_WORK[name]}... {done:.0%}", translate=False)
         return None
     row = layout.row(align=True)
     row.active_default = name == following
@@ -151,5 +172,5 @@ def paragraph(layout, sentence: str, icon: str, letters: int) -> None:
 
 
 def letters_of(context) -> int:
-    """Return how many letters fit in a line of the sidebar."""
-    return int(context.region.width / context.preferences.system.ui_scale / 6.3) - 5
+    """Return how many letters fit in a line of the sidebar, wide ones too."""
+    return int(context.region.width / context.preferences.system.ui_scale / 7) - 5

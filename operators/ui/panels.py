@@ -10,6 +10,7 @@ from ..settings import needs
 from . import steps
 from .drawing import button, label, letters_of
 from .manual import help_address
+from .popovers import draw_remedy
 from .step_panel import Sidebar
 
 LINES = 2  # of the state; as many whatever it says, so that the buttons below stand still
@@ -29,7 +30,9 @@ class CROWDLOD_PT_main(Sidebar, bpy.types.Panel):
         told = steps.messages(scene)
         column = self.layout.column(align=True)
         _draw_state(column, told, letters_of(context))
-        row = column.row(align=True)
+        if told and told[0].remedy:
+            draw_remedy(column.row(align=True), told[0].remedy)
+        row = column.split(factor=0.76, align=True)
         _draw_update(row, scene)
         warnings = sum(line.icon == "ERROR" for line in told)
         row.popover("CROWDLOD_PT_messages", text=f"{warnings or ''}", icon="INFO", translate=False)

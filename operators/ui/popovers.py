@@ -144,10 +144,14 @@ class CROWDLOD_PT_messages(_Popover, bpy.types.Panel):
         for line in steps.messages(context.scene):
             paragraph(self.layout, line.sentence, line.icon, LETTERS)
             if line.remedy:
-                row = self.layout.row(align=True)
-                button(row, line.remedy, icon=REMEDY_ICONS.get(line.remedy, "NONE"))
-                if line.remedy == "crowd_lod.take_action":
-                    button(row, line.remedy, "Stand Still").still = True
+                draw_remedy(self.layout.row(align=True), line.remedy)
+
+
+def draw_remedy(row, operator: str) -> None:
+    """Draw the button that mends what a message tells, and its other answer if it has two."""
+    button(row, operator, icon=REMEDY_ICONS.get(operator, "NONE"))
+    if operator == "crowd_lod.take_action":
+        row.operator(operator, text="Stand Still", translate=False).still = True
 
 
 class CROWDLOD_PT_error_curve(_Popover, bpy.types.Panel):

@@ -1,8 +1,10 @@
 """The panel of the shot: its frames, camera and plan; and its sub-panels."""
 
+from math import ceil
+
 import bpy
 
-from ...crowd_lod.shot.budget import budget_sentence, fitting_point
+from ...crowd_lod.shot.budget import budget_sentence, fitting_point, least_possible
 from ..blender import scene_data
 from ..freshness.artifacts import PLAN, reason_in, stale, words_of
 from ..scene.plan_verdict import verdict_in_words
@@ -91,8 +93,22 @@ class CROWDLOD_PT_budget(StepPanel, bpy.types.Panel):
         points = possible_budgets(settings)
         budget = budget_of(settings)
         if sentence := budget_sentence(points, budget):
-            icon = "CHECKMARK" if fitting_point(points, budget) else "ERROR"
-            paragraph(layout, sentence, icon, letters_of(context))
+            fits = fitting_point(points, budget) is not None
+            paragraph(layout, sentence, "CHECKMARK" if fits else "ERROR", letters_of(context))
+            for name, value in least_possible(points, budget).items() if not fits else ():
+                _draw_least(layout, name, value)
+
+
+def _draw_least(layout, name: str, value: float) -> None:
+    """Draw the button that raises a limit to the least possible value."""
+    setting, title, unit = LIMITS[name]
+    least = ceil(value / unit)
+    kind = "float" if name == "memory" else "int"
+    button = layout.operator(
+        f"wm.context_set_{kind}", text=f"{title}: {least:,}", icon="FORWARD", translate=False
+    )
+    button.data_path = f"scene.crowd_lod.{setting}"
+    button.value = least
 
 
 class CROWDLOD_PT_overrides(StepPanel, bpy.types.Panel):

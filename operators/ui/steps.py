@@ -54,14 +54,16 @@ def messages(scene: bpy.types.Scene) -> list[Told]:
     lines = [Told(sentence, "ERROR") for sentence in dict.fromkeys(errors) if sentence]
     if settings.characters is not None:  # without an answer Update All makes no LOD meshes
         lines += _warnings(questions(scene))
+    proof = current_proof(scene)
+    told = [] if proof is None else [Told(proof.sentence, "CHECKMARK" if proof.ok else "ERROR")]
+    lines += [line for line in told if line.icon == "ERROR"]
     if operator := next_operator(scene):
         reason = reasons(scene).get(operator, needs.characters(scene))
         lines.append(Told(f"Next: {label_of(operator)} ({reason})", "FORWARD"))
     for artifact in artifacts_of(scene):
         if news := news_of(scene, artifact):
             lines.append(Told(news, "FILE_REFRESH"))
-    if proof := current_proof(scene):
-        lines.append(Told(proof.sentence, "CHECKMARK" if proof.ok else "ERROR"))
+    lines += told
     # warnings of Populate do not stop the work: the next step is named before them
     if settings.characters is not None:
         found = from_json(settings.trouble)

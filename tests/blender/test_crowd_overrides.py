@@ -232,7 +232,9 @@ def test_wrong_edits_are_told_in_one_sentence_and_the_crowd_still_works(
 
 def test_buttons_say_what_they_lack(levelled):
     settings = levelled.crowd_lod
-    assert not bpy.ops.crowd_lod.override_agent.poll() and not bpy.ops.crowd_lod.find_agents.poll()
+    assert not bpy.ops.crowd_lod.find_agents.poll()
+    with pytest.raises(RuntimeError, match="Pick an agent"):
+        bpy.ops.crowd_lod.override_agent(type="HIDE")
     settings.agent = 300
     for press_, says in (
         (

@@ -7,7 +7,7 @@ import bpy
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.crowd_lod.shot.budget import budget_sentence
+from crowd_lod_extension.crowd_lod.shot.budget import budget_sentence, least_possible
 from crowd_lod_extension.operators.blender import provenance
 from crowd_lod_extension.operators.lods.make_lods import make_levels
 from crowd_lod_extension.operators.plan.shot_plan import (
@@ -44,6 +44,8 @@ def test_a_press_that_could_only_say_no_plans_no_frame(planned):
     settings.budget_triangles = int(least) - 1
     sentence = budget_sentence(possible_budgets(settings), budget_of(settings))
     assert f"at least Triangles {least:,.0f}" in sentence
+    told = least_possible(possible_budgets(settings), budget_of(settings))
+    assert told == {"triangles": least}
     with pytest.raises(CrowdError, match="Too low for these LODs: at least Triangles"):
         finished(refuse_budget(planned))
     settings.budget_finest = 1

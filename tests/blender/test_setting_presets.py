@@ -125,6 +125,7 @@ OPERATORS = [
 ]
 ALWAYS = {
     "add_row",
+    "go_to_switch",
     "machine_import",
     "machine_preset",
     "move_row",

@@ -5,6 +5,8 @@ tests/ui/test_panels.py counts what a window draws.
 
 import bpy
 from crowd_lod_extension.operators import registration
+from crowd_lod_extension.operators.blender.operator import Stepwise
+from crowd_lod_extension.operators.ui.drawing import AT_WORK
 from crowd_lod_extension.operators.ui.step_panel import Sidebar
 
 IN_ORDER = ["Crowd LOD", "Crowd", "LODs", "Shot", "Render Set-Up", "Check", "Hand Over", "Overlay"]
@@ -21,7 +23,11 @@ def test_seven_panels_follow_the_order_of_the_work():
 
 def test_panels_and_operators_do_not_grow():
     assert len(kinds(bpy.types.Panel)) <= 26
-    assert len(kinds(bpy.types.Operator)) <= 44
+    assert len(kinds(bpy.types.Operator)) <= 45
+
+
+def test_each_step_says_what_it_does_while_it_works():
+    assert AT_WORK.keys() == {kind.bl_idname for kind in kinds(Stepwise)}
 
 
 def test_a_panel_has_one_advanced_sub_panel_at_most():

@@ -75,7 +75,7 @@ def test_what_passed_says_how_many_and_how_well():
         (
             {"off": 13, "lod_ok": False},
             {"agents": [{"ok": False, "error_px": error} for error in (1.2, 1.52)]},
-            "agent 7 (LOD 2, frame 3) is off by 1.5 px of 1.0, and 12 more;",
+            "agent 7 (LOD 2, frame 3) is off by 1.52 px, limit 1.00 px, and 12 more;",
         ),
         (
             {"patches": 1, "lod_ok": False},

@@ -233,6 +233,14 @@ def removed():
         bpy.data.scenes.remove(scene())
 
 
+def failed():
+    """A proof of the scene as it is, in which an agent is off."""
+    artifacts = sys.modules[f"{robot.MODULE}.operators.freshness.artifacts"]
+    worst = {"agent": 7, "frame": 3, "lod": 1, "group": 0, "error_px": 2.0, "predicted_px": 1.0}
+    parts = artifacts.proof_parts(scene())
+    artifacts.note_proof(scene(), artifacts.ProofResult("Failed: all.", False, parts, worst))
+
+
 def filmed(item):
     scene().camera = item
 
@@ -262,6 +270,7 @@ DONE = {
     "an area": lambda: crowd().areas.add(),
     "map lost": lambda: lost(crowd().map_image),
     "map removed": lambda: gone(crowd().map_image, bpy.data.images),
+    "proof failed": failed,
     "no camera": lambda: filmed(None),
     "camera no camera": lambda: filmed(
         next(item for item in bpy.data.objects if item.type != "CAMERA")

@@ -125,6 +125,7 @@ STATES_OF_FILE = {
     "rows on curves": [("set", "crowd", 0, "spawn_on", "CURVES")],
     "region": [("set", "override", 0, "select_by", "REGION")],
     "timer": [("set", "editor", 0, "use_timer", True), ("set", "editor", 0, "rule_index", 2)],
+    "a proof that failed": [("proof failed",)],
     "occlusion": [("set", "settings", 0, "occlusion", True)],
 }
 

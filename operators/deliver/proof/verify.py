@@ -18,7 +18,7 @@ from ....crowd_lod.output.file_checks import save_png
 from ....crowd_lod.output.frame_parts import FrameParts
 from ....crowd_lod.output.verify_report import verify_page
 from ....crowd_lod.progress import Workload, run_in_thread, unsure
-from ....crowd_lod.validation.render_proof import is_ok, verdict, worst_frame
+from ....crowd_lod.validation.render_proof import is_ok, verdict, worst_agent, worst_frame
 from ...blender import cameras, evaluation, image_data, removal, scene_data
 from ...blender.operator import Reporting, Stepwise
 from ...blender.output_folders import output_folder, place_of
@@ -287,7 +287,7 @@ class CROWDLOD_OT_verify(Stepwise, bpy.types.Operator):
         result = yield from verify(scene, task, ["sidebar"])
         _show_places(task.folder / f"frame_{worst_frame(result):04d}_places.png")
         sentence = f"{verdict(result)} The report is in {place_of(task.folder)}."
-        note_proof(scene, ProofResult(sentence, result["ok"], made_of))
+        note_proof(scene, ProofResult(sentence, result["ok"], made_of, worst_agent(result)))
         if not result["ok"]:
             raise CrowdError(sentence)  # the report stays
         return sentence
