@@ -85,24 +85,24 @@ class Skin:
         return Skin((self.rest - origin) / size, (self.place - origin) / size, self.frame)
 
     def telling(self, triangles: np.ndarray, count: int | None = None) -> "Skin | None":
-        """The poses that tell count: each bends the mesh most unlike those before.
+        """The poses that tell count: each bends the mesh most unlike those before, edge by edge.
 
-        triangles: (m, 3); count: how many, or POSES. None is like the rest or another.
+        triangles: (m, 3); count: how many, or POSES. None is like the rest or others together.
         Returns None if nothing bends.
         """
         a, b = triangles[:: len(triangles) // COMPARED + 1, [0, 1]].T
         # from one end of a side to the other: what a turn of all together leaves as it is
         turns = np.einsum("kmji,kmjl->kmil", self.frame[:, a], self.frame[:, b]) - np.eye(3)
-        unlike = np.full(len(turns), np.inf)
-        count = count or POSES
+        unlike = np.sqrt((turns**2).sum(axis=(2, 3)))  # each pose's sides, of the nearest so far
         indices: list[int] = []
-        new = np.zeros_like(turns[0])
-        while len(indices) < count:
-            unlike = np.minimum(unlike, np.sqrt(((turns - new) ** 2).sum(axis=(2, 3))).mean(axis=1))
-            if unlike.max(initial=0) < ALIKE:
+        while len(indices) < (count or POSES):
+            bent = unlike.mean(axis=1)
+            if bent.max(initial=0) < ALIKE:
                 break
-            indices.append(int(unlike.argmax()))
-            new = turns[indices[-1]]
+            # rounding must not decide between two as unlike
+            indices.append(int((bent >= (1 - ALIKE) * bent.max()).argmax()))
+            off = turns - turns[indices[-1]]
+            unlike = np.minimum(unlike, np.sqrt((off**2).sum(axis=(2, 3))))
         return Skin(self.rest, self.place[indices], self.frame[indices]) if indices else None
 
 

@@ -70,7 +70,7 @@ MOST_GOALS = 100  # whose measurements are kept
 LEAST_TRIANGLES = 300  # a character of fewer needs no LOD, and is not worth a search
 FOLLOWING = 0.5  # by distance, the LOD after a given one has at most this part of its triangles
 DIGITS = 12  # of a hash: as many as a goal can hold
-VERSION = 31  # of the code that makes LOD meshes: with another one they are made anew
+VERSION = 32  # of the code that makes LOD meshes: with another one they are made anew
 
 
 def _untouched(home: bpy.types.Collection) -> bool:

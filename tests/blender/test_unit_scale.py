@@ -283,7 +283,7 @@ def test_a_shot_plan_and_its_export_are_alike_in_every_unit(scaled, tmp_path):
         # by distance: a search by tolerance may end with another LOD where the seventh digit differs
         assert bpy.ops.crowd_lod.make_levels() == {"FINISHED"}
         scene.crowd_lod.choice = "BY_TOLERANCE"
-        scene.crowd_lod.tolerance = 8.0
+        scene.crowd_lod.tolerance = 12.0
         scene.crowd_lod.pop_reduction = 0.0
         zoom_in(scene)
         file, out, usd = (
