@@ -23,7 +23,7 @@ FILE = re.compile(r"(?<![\w/<*.~-])((?:\w+/)*\w+\.py)\b")
 MEMBER = re.compile(r"(?<![\w./])([a-z]\w+)\.([A-Za-z_]\w+)(?![\w/]|\.\w)")
 OURS = re.compile(r"""(?:}|extension|")\.((?:crowd_lod|operators)(?:\.[a-z]\w*)+)""")
 QUOTED = re.compile(r"(?<!`)`([A-Za-z_]\w+)(?:\(\))?`(?!`)")
-ENDINGS = {"py", "md", "json", "csv", "npz", "blend", "html", "png", "toml", "txt", "usdc", "usda"}
+ENDINGS = set("py md json csv npz blend html png webp toml txt usdc usda".split())
 EXAMPLES = {"tests/core/test_tiny_agents.py", "crowd_lod/culling/tiny_agents.py"}  # CONTRIBUTING
 
 
