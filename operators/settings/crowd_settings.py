@@ -395,8 +395,9 @@ class SimulationSettings:
     )
     waiting_action: StringProperty(
         name="Waiting Action",
-        description="Action that people play while they stand, such as idle; a character's own may "
-        "be called after it, as in idle Woman. Without it they pause in their walk",
+        default="idle",
+        description="Action that people play while they stand; a character's own may be called "
+        "after it, as in idle Woman. Where a character has none they pause in their walk",
     )
     simulated_seconds: FloatProperty(
         name="Duration",

@@ -481,7 +481,6 @@ def test_who_waits_stands_in_an_action_of_its_own(scene):
     settings.count = 12
     settings.size = (10, 10)
     settings.simulated_seconds = 12
-    settings.waiting_action = "idle"
     add_goal(settings.crowds[0], (0, 0), size=3, is_exit=False)
     assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
     trajectory = trajectory_of(scene)
