@@ -138,7 +138,7 @@ def test_lods_that_fit_in_memory_are_built_and_the_others_are_not(scene, tmp_pat
         list(make_levels(scene))
     assert set(bpy.data.user_map()) == before and stored_groups.groups_of(settings) == groups
     least = float(str(error.value).split(" MB")[0].rpartition(" ")[2])
-    settings.memory = least + 0.2 * (free - least)
+    settings.memory = least + 0.4 * (free - least)  # guesses told the least
     list(make_levels(scene))
     finest = scene_crowd.policy_of(settings).finest
     assert settings.memory_tolerance > 0.2 and max(finest) > 0

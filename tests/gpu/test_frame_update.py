@@ -99,7 +99,7 @@ def test_nothing_is_shown_while_the_overlay_is_off(scene):
 def with_meshes(scene):
     with bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[0]):
         assert bpy.ops.crowd_lod.make_levels() == {"FINISHED"}
-    assert "being read" in shown(scene).notes[0]
+    assert "Loading characters" in shown(scene).notes[0]
     while character_cache.bake_some() is not None:
         pass
     return shown(scene)
@@ -142,7 +142,7 @@ def test_meshes_follow_edits_of_meshes_actions_and_materials(scene, monkeypatch)
         before = shown(scene).bodies
         change()
         scene.view_layers[0].update()
-        assert "being read" in shown(scene).notes[0]
+        assert "Loading characters" in shown(scene).notes[0]
         while character_cache.bake_some() is not None:
             pass
         after = shown(scene).bodies
