@@ -206,7 +206,7 @@ def plan_of(trajectory: Trajectory, request: Request) -> Frame:
 def _inputs(
     trajectory: Trajectory, crowd: Crowd, request: Request, views: list[Moment]
 ) -> tuple[list[np.ndarray], tuple]:
-    """Return (arrays of the crowd, values), from which the outcome of a crowd that stays follows."""
+    """Return (arrays of the crowd, values), from which the frame of a crowd that stays follows."""
     crowds = [crowd, *(trajectory.at(moment.time) for moment in views[1:])]
     bias = request.bias
     painted = None if bias is None else (bias.values.shape, bias.values.tobytes(), bias.area)

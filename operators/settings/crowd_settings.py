@@ -258,8 +258,8 @@ class CrowdSettings:
     face: PointerProperty(
         type=bpy.types.Object,
         name="Face",
-        description="Object whose origin agents face where they spawn, such as a stage or an empty; "
-        "without one they face as their places do",
+        description="Object whose origin agents face where they spawn, such as a stage or an "
+        "empty; without one they face as their places do",
     )
     spawn_places: PointerProperty(
         type=bpy.types.Mesh,

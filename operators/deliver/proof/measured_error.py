@@ -1,4 +1,4 @@
-"""Use Measured Error: what a proof saw of a LOD becomes its bound, so that it begins farther away."""
+"""Use Measured Error: what a proof saw of a LOD becomes its bound; it then begins farther away."""
 
 import bpy
 

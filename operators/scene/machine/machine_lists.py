@@ -37,9 +37,10 @@ class MachineList:
         return sentence
 
     def remove(self, scene: bpy.types.Scene) -> str:
-        index = self._names(scene).index(name := selected_name(scene, self.kind))
+        names = self._names(scene)
+        name = selected_name(scene, self.kind)
         change(scene, edits.remove(self.kind, name))
-        self._select(scene, max(index - 1, 0))
+        self._select(scene, max(names.index(name) - 1, 0))
         return f"The {self.kind[:-1]} {name} is removed."
 
     def move(self, scene: bpy.types.Scene, by: int) -> str:
