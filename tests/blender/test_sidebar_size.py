@@ -33,3 +33,10 @@ def test_each_step_says_what_it_does_while_it_works():
 def test_a_panel_has_one_advanced_sub_panel_at_most():
     parents = [kind.bl_parent_id for kind in kinds(Sidebar) if kind.bl_label == "Advanced"]
     assert len(parents) == len(set(parents))
+
+
+def test_a_tooltip_is_one_line():
+    """Blender 4.5's Python keeps the indent of a docstring's further lines."""
+    for kind in kinds(bpy.types.Operator):
+        told = getattr(kind, "bl_description", "") or kind.__doc__ or ""
+        assert "\n" not in told.strip(), kind

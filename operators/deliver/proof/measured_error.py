@@ -19,10 +19,7 @@ def lacks_error(scene: bpy.types.Scene) -> str:
 
 
 class CROWDLOD_OT_use_measured_error(Reporting, bpy.types.Operator):
-    """Let the LOD that is off by too much begin so far away that its error is within the tolerance.
-
-    Make LOD Meshes measures it anew
-    """
+    """Let the LOD that is off begin where its seen error is tolerated, until LODs are made anew"""
 
     bl_idname = "crowd_lod.use_measured_error"
     bl_label = "Use Measured Error"
