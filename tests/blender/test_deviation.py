@@ -10,7 +10,14 @@ import pytest
 from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.lods import deviation, posed_surface, poses, surface
+from crowd_lod_extension.operators.blender.performance import Performance, PlayedAction
+from crowd_lod_extension.operators.lods import (
+    deviation,
+    posed_surface,
+    poses,
+    surface,
+    unseen_frames,
+)
 from crowd_lod_extension.operators.scene.characters import stored_groups
 
 GROUP = Group("one", 0, 1, 0, 1)
@@ -190,6 +197,33 @@ def test_the_pose_that_only_seems_second_worst_is_measured_as_well():
             key.keyframe_insert("value", frame=frame)
     found = finished(deviation.measure(GROUP, [character], [[lod]]))
     assert found.worst == (12,) and found.deviations[0] == pytest.approx(0.12, rel=1e-3)
+
+
+def test_a_lod_is_looked_at_between_the_frames_of_the_poses_too():
+    """The LOD is 0.01 m off; a patch of the character moves by 0.1 m between frames 5 and 6."""
+    character, lod = sphere(16, 32), sphere(16, 32, radius=0.99)
+    character.shape_key_add(name="Basis")
+    patch = character.shape_key_add(name="patch")
+    for point in patch.data:
+        point.co *= 1.1 if point.co.z > 0.8 else 1
+    for frame, patch.value in ((1, 0.0), (5, 0.0), (5.5, 1.0), (6, 0.0), (9, 0.0)):
+        patch.keyframe_insert("value", frame=frame)
+    found = finished(deviation.measure(GROUP, [character], [[lod]]))
+    assert found.deviations[0] == pytest.approx(0.11, rel=0.02) and found.worst == (5.5,)
+
+
+def test_moments_between_poses_are_spread_over_all_actions():
+    """Up to four a frame, two hundred in all, each in the middle of its part."""
+
+    def of(*spans):
+        actions = [PlayedAction(f"{number}", *span) for number, span in enumerate(spans)]
+        return unseen_frames.moments_between(Performance(actions))
+
+    few = [1.125, 1.375, 1.625, 1.875, 2.125, 2.375, 2.625, 2.875]
+    assert of((1, 3), (7, 7.5)) == [*few, 4.125, 4.375]  # each action begins after the one before
+    assert of((0, 300), (0, 100)) == [*np.arange(1, 300, 2), *np.arange(302, 401, 2)]
+    beside = unseen_frames.moments_beside([0, 4, 8, 12], np.array([[0, 1, 5, 2]] * 5))
+    assert sorted(beside) == [6, 7, 9, 10, 10, 11]
 
 
 def test_all_objects_of_a_character_count_together(scene):

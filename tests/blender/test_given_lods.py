@@ -2,8 +2,9 @@
 
 import bpy
 import pytest
+from crowd_lod_extension.operators.lods.level_objects import copy_given
 from crowd_lod_extension.operators.scene.characters.characters import all_characters
-from crowd_lod_extension.operators.scene.characters.given_lods import label_of
+from crowd_lod_extension.operators.scene.characters.given_lods import GivenLod, label_of
 
 from ..support.characters import new, rig, skin, tube
 
@@ -130,6 +131,25 @@ def test_lods_side_by_side_are_measured_where_the_character_stands():
     ]
     seen_from(scene, 12)
     assert by_tolerance(scene)[1] == (640, pytest.approx(0.005, abs=0.005))
+
+
+@pytest.mark.parametrize("below", [False, True])
+def test_a_lod_is_moved_onto_the_character_in_world_space(below):
+    scene = bpy.context.scene
+    item = person(scene, "Car_LOD1", 1)
+    item.location = (4, 5, 6)
+    if below:
+        holder = new("holder", None)
+        scene.collection.objects.link(holder)
+        holder.rotation_euler = (0.3, 0.2, 1)
+        holder.scale = (2, 2, 2)
+        item.parent = holder
+    scene.view_layers[0].update()
+    (copy,) = copy_given("Car", GivenLod((item,), (1, -2, 3)), [])
+    scene.collection.objects.link(copy)
+    scene.view_layers[0].update()
+    moved = copy.matrix_world.translation - item.matrix_world.translation
+    assert tuple(moved) == pytest.approx((1, -2, 3))
 
 
 @pytest.mark.once

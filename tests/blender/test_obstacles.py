@@ -4,6 +4,7 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.operators.scene.machine.scene_world import objects_of
+from crowd_lod_extension.operators.scene.obstacles import find_obstacles
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 from crowd_lod_extension.operators.settings.crowds import first_crowd
 
@@ -57,6 +58,19 @@ def test_walls_are_made_of_what_is_in_the_way(street):
     assert not (np.abs(places_of(street)) < 1.9).all(axis=1).any()
     with pytest.raises(RuntimeError, match="Nothing stands in the agents' way"):
         bpy.ops.crowd_lod.walls_from_selection()
+
+
+@pytest.mark.parametrize("part, found", [(0.15, ["stage"]), (0.3, [])])
+def test_what_many_agents_stand_on_is_ground(street, part, found):
+    bpy.data.objects.remove(bpy.data.objects["kiosk"])
+    place(block("stage", (5, 5, 0), (8, 8, 1)), street)
+    crowd = first_crowd(street.crowd_lod)
+    bpy.ops.crowd_lod.populate()
+    places = np.zeros((20, 3))
+    grounds = ["stage"] * round(20 * part) + ["ground"] * round(20 * (1 - part))
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    obstacles = find_obstacles(crowd, depsgraph, trajectory_of(street), places, grounds)
+    assert [item.name for item in obstacles] == found
 
 
 def test_neither_characters_nor_the_ground_become_walls(street):

@@ -34,7 +34,10 @@ def instances_of(scene, item):
     )
 
 
-def test_agents_are_the_instances_that_blender_lists_in_each_frame(scene):
+@pytest.mark.parametrize("forward, ahead", [("X", 0), ("-Y", -np.pi / 2)])
+def test_agents_are_the_instances_that_blender_lists_in_each_frame(scene, forward, ahead):
+    """ahead: radians from the x axis to where a character looks that is not turned."""
+    scene.crowd_lod.forward = forward
     item = scatter(scene, instances=True, where=(3, -2, 1))
     crowd_of(scene, item)
     for number in (1, 9):
@@ -43,7 +46,7 @@ def test_agents_are_the_instances_that_blender_lists_in_each_frame(scene):
         crowd = trajectory_of(scene).at(number)
         assert len(place) == len(crowd) == 60
         np.testing.assert_allclose(np.stack([crowd.x, crowd.y, crowd.z], axis=1), place, atol=1e-5)
-        assert np.cos(crowd.heading - turn).min() > 1 - 1e-6  # forward is X
+        assert np.cos(crowd.heading - turn - ahead).min() > 1 - 1e-6
 
 
 def test_points_move_with_the_clock_and_keep_who_they_are(scene):

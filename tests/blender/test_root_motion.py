@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.format import number
 from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.operators.blender import root_motion
 from crowd_lod_extension.operators.blender.animation import curves_of
 from crowd_lod_extension.operators.blender.named_actions import own_performance
 from crowd_lod_extension.operators.scene.characters.character_extent import posing
@@ -15,7 +16,7 @@ from crowd_lod_extension.operators.scene.characters.group_measuring import measu
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 from crowd_lod_extension.operators.settings.crowds import first_crowd
 
-from ..support.characters import character, new, rig, skin, tube
+from ..support.characters import character, edited, new, rig, skin, tube
 from ..support.freshness import changed_since_populate
 from ..support.messages import sentences, told
 
@@ -23,12 +24,12 @@ WAY = 1.2
 LAST = 25
 
 
-def travel(owner, place=None):
+def travel(owner, place=None, way=WAY):
     """Key the location of `place`, the object itself or a bone of it, so that it goes along the
     world's x.
     """
     place = place or owner
-    for frame, x in ((1, 0.0), (LAST, WAY)):
+    for frame, x in ((1, 0.0), (LAST, way)):
         place.location = (x, 0, 0)
         place.keyframe_insert("location", frame=frame)
     for curve in curves_of(owner.animation_data):
@@ -139,6 +140,20 @@ def test_the_pelvis_below_a_static_root_moves_the_character():
     top = [pose[:, 0].max() for pose in finished(posing([item], np.array([1.0, 25.0])))]
     assert top[0] == pytest.approx(0.2, abs=1e-4)
     assert top[1] == pytest.approx(0.2, abs=1e-4)
+
+
+def test_bones_that_go_with_the_main_one_lose_its_way_and_others_keep_theirs():
+    """As a target of inverse kinematics does, and a hand that reaches out."""
+    scene, item = walker()
+    armature = bpy.data.objects["rig"]
+    with edited(armature) as bones:
+        for name in ("target", "hand"):
+            bones.new(name).tail = (0, 0, 1)
+    for name, part in (("lower", 1), ("target", 0.8), ("hand", 0.6)):
+        travel(armature, armature.pose.bones[name], part * WAY)
+    scene.view_layers[0].update()
+    taken = root_motion.of_character([item]).travels
+    assert {each.path.split('"')[1] for each in taken} == {"lower", "target"}
 
 
 def test_who_sits_down_or_shifts_a_little_is_left_alone():

@@ -5,6 +5,7 @@ import os
 
 import bpy
 import pytest
+from crowd_lod_extension.crowd_lod.shot import plan_file
 from crowd_lod_extension.operators.cli import commands, shared_runs
 from crowd_lod_extension.operators.deliver.preview import preview
 
@@ -92,6 +93,30 @@ def test_parts_that_do_not_belong_to_the_run_are_refused(file, tmp_path, capfd):
     run_json = out / "parts" / "run.json"
     run_json.write_text(run_json.read_text()[:-9])
     assert run("assemble", out) == 1 and "is damaged" in capfd.readouterr().err
+
+
+def test_the_key_of_a_run_changes_with_the_plan_and_with_each_linked_file(file, tmp_path):
+    plan = tmp_path / "plan" / plan_file.NAME
+    library = tmp_path / "library.blend"
+    picture = tmp_path / "picture.png"
+    plan.parent.mkdir()
+    for path in (plan, picture):
+        path.write_bytes(b"one")
+    bpy.data.libraries.write(str(library), {bpy.data.meshes.new("rock")})
+    with bpy.data.libraries.load(str(library), link=True) as (_, linked):
+        linked.meshes = ["rock"]
+    image = bpy.data.images.new("picture", 1, 1)
+    image.source = "FILE"
+    image.filepath = str(picture)
+    words = ["crowd-lod", "preview", str(file), "--plan", str(plan.parent)]
+    args = commands.parser("crowd-lod").parse_args(words[1:])
+    args.words = words
+    keys = [shared_runs.key_of(args)]
+    for path in (plan, library, picture):
+        path.write_bytes(path.read_bytes() + b"two")
+        keys.append(shared_runs.key_of(args))
+    assert len({*keys}) == len(keys) == 4
+    assert shared_runs.key_of(args) == keys[-1]
 
 
 def test_only_options_that_change_nothing_are_left_out_of_the_key():
