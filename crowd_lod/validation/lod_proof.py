@@ -47,7 +47,8 @@ def judge_lods(pictures: Pictures, allowed: Allowances, group: np.ndarray) -> di
 
     The figures of an agent: `by` what it is judged; `error_px`, by how many pixels of the final
     picture its outline is off, None where it is not judged, or is `missing` or too much (`extra`);
-    `allowed_px` and `predicted_px`, None if unknown; `apart`, why that does not bind it; `ok`, None
+    `allowed_px`, what it may be off, with `give_or_take_px` of the row added, the accuracy of the
+    measurement, and `predicted_px`, None if unknown; `apart`, why that does not bind it; `ok`, None
     where nothing binds it; `box`, its rows and columns (low, high, left, right) in samples.
 
     Those of a LOD that is darker or brighter than its character: `group`, `lod`, `brighter`, the
@@ -124,10 +125,10 @@ def _facts(
     agent: int, judged: Judged, allowed: Allowances, group: np.ndarray, finer: int
 ) -> dict[str, Any]:
     error = judged.error / finer
-    limit = float(allowed.allowed[agent])
+    limit = float(allowed.allowed[agent]) + SLACK / finer
     apart = str(allowed.apart[agent])
     unbound = judged.by == UNJUDGED or apart != ""
-    is_wrong = bool(error > limit + SLACK / finer)
+    is_wrong = bool(error > limit)
     missing = is_wrong and judged.other_samples == 0
     extra = is_wrong and judged.samples == 0
     return {

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..format import counted, number
+from .color_patches import LARGEST
 from .sky_light import MOST_SHARE
 
 # Part of a value above 1, or of 1, by which renderers may round it: of two renders whose meshes
@@ -62,30 +63,31 @@ def verdict(result: dict) -> str:
     """Return in one sentence whether the proof of verify.json holds, and what is wrong."""
     if not result["ok"]:
         phrases = [
-            *_of_build(result["build"]),
-            *_of_outlines(result),
-            *_of_shades(result),
-            *_of_colors(result["patches"]),
-            *_of_culling(result["frames"]),
+            *of_build(result["build"]),
+            *of_outlines(result),
+            *of_shades(result),
+            *of_colors(result["patches"]),
+            *of_culling(result["frames"]),
         ]
         return f"Failed: {'; '.join(phrases)}."
     rows = result["frames"]
     judged = sum(row["by_outline"] + row["by_presence"] for row in rows)
-    of_build = f" of {BUILDS[result['build']['kind']]}" if result["build"]["kind"] in BUILDS else ""
-    subject = f"{counted(judged, 'agent')}{of_build} in {counted(len(rows), 'frame')}"
+    built = f" of {BUILDS[result['build']['kind']]}" if result["build"]["kind"] in BUILDS else ""
+    subject = f"{counted(judged, 'agent')}{built} in {counted(len(rows), 'frame')}"
     ways = [
         f"{count:,} {how}"
         for how, count in (
             ("by outline", sum(row["by_outline"] for row in rows)),
-            ("by presence", sum(row["by_presence"] for row in rows)),
+            ("small ones by presence", sum(row["by_presence"] for row in rows)),
             ("not judged", sum(row["not_judged"] for row in rows)),
         )
         if count
     ]
     unjudged = any(row["not_judged"] for row in rows)
     how = f" ({', '.join(ways)})" if len(ways) > 1 or unjudged else ""
-    phrases = [*_largest_error(rows), f"colors within {_largest_color(rows):.2f}"]
-    return f"Passed: {subject}{how}, {'; '.join([*phrases, *_of_culling(rows)])}."
+    colors = f"colors differ by {largest_color(rows):.2f} at most, of {LARGEST}"
+    phrases = [*_largest_error(rows), colors, *of_culling(rows)]
+    return f"Passed: {subject}{how}, {'; '.join(phrases)}."
 
 
 def describe(agent: dict) -> str:
@@ -126,8 +128,7 @@ def _largest_error(rows: Sequence[dict]) -> list[str]:
     if measured:
         worst = max(measured, key=lambda row: row["error_px"] - row["allowed_px"])
         phrases.append(
-            f"largest error {worst['error_px']:.1f} px of {worst['allowed_px']:.1f}, give or take "
-            f"{worst['give_or_take_px']:.1f}"
+            f"largest error {worst['error_px']:.2f} px of {worst['allowed_px']:.2f} px allowed"
         )
     apart = sum(row["apart"] for row in rows)
     if apart:
@@ -138,11 +139,12 @@ def _largest_error(rows: Sequence[dict]) -> list[str]:
     return phrases
 
 
-def _largest_color(rows: Sequence[dict]) -> float:
+def largest_color(rows: Sequence[dict]) -> float:
+    """Return by how much of 1 a patch of colors differs at most in frames of verify.json."""
     return max(row["color_off"] for row in rows)
 
 
-def _of_build(build: dict) -> list[str]:
+def of_build(build: dict) -> list[str]:
     """Return what is wrong with a build as a whole, in phrases."""
     name = BUILDS.get(build["kind"], "")
     phrases = [f"{name} is hidden from renders"] * build["hidden"]
@@ -153,7 +155,7 @@ def _of_build(build: dict) -> list[str]:
     return phrases
 
 
-def _of_outlines(result: dict) -> list[str]:
+def of_outlines(result: dict) -> list[str]:
     """Return what is wrong with agents' outlines, in phrases."""
     phrases = []
     wrong = [agent for agent in result["agents"] if agent["ok"] is False]
@@ -180,7 +182,7 @@ def _of_outlines(result: dict) -> list[str]:
     return phrases
 
 
-def _of_colors(patches: Sequence[dict]) -> list[str]:
+def of_colors(patches: Sequence[dict]) -> list[str]:
     """Return what is wrong with colors, in phrases."""
     if not patches:
         return []
@@ -198,7 +200,7 @@ def _of_colors(patches: Sequence[dict]) -> list[str]:
     ]
 
 
-def _of_shades(result: dict) -> list[str]:
+def of_shades(result: dict) -> list[str]:
     """Return which LODs are darker or brighter than their characters, in phrases."""
     worst: dict[tuple[int, int], float] = {}
     for shade in result["shades"]:
@@ -211,7 +213,7 @@ def _of_shades(result: dict) -> list[str]:
     ]
 
 
-def _of_culling(rows: Sequence[dict]) -> list[str]:
+def of_culling(rows: Sequence[dict]) -> list[str]:
     """Return in phrases how many pixels the culling changes, and how many points are no agents."""
     differ = sum(row["culling_pixels"] for row in rows)
     wrong = [row for row in rows if row["culling_pixels"] and not row["culling_ok"]]

@@ -91,7 +91,7 @@ def look_at_manual(folder, pages):
                 assert target.exists(), (page, link)
                 assert not heading or heading in read[target].ids, (page, link)
     assert "https://example.org/crowd/blob/main/CHANGELOG.md" in read[folder / "README.html"].links
-    assert "docs/plaza.png" in read[folder / "README.html"].links
+    assert "docs/before_after.webp" in read[folder / "README.html"].links
     sidebar = read[folder / "docs" / "sidebar.html"].ids
     steps = [kind for kind in panels_of(StepPanel) if not hasattr(kind, "bl_parent_id")]
     titles = [step.bl_label for step in steps if hasattr(step, "bl_label")]

@@ -97,7 +97,7 @@ def test_the_command_proves_that_culling_changes_no_pixel_and_shadows_need_their
         assert row["culling_pixels"] == 0 and row["culling_largest"] == 0
         assert row["shadow"] > 10 and row["visible"] < 250
         assert 20 < row["by_outline"] + row["by_presence"] <= row["visible"]
-        assert 0 < row["error_px"] <= row["allowed_px"] + 0.5 and 0 < row["color_off"] < 0.1
+        assert 0 < row["error_px"] <= row["allowed_px"] and 0 < row["color_off"] < 0.1
     rows = list(csv.DictReader((out / "verify.csv").open()))
     assert [int(row["culling_pixels"]) for row in rows] == [0, 0]
     names = ("a", "b", "c", "a_b", "a_c", "places")
@@ -355,5 +355,5 @@ def test_predictions_hold_where_planned_lods_switch(levelled, tmp_path, capfd, m
     # of blurred agents the plan tells what their blur does not hide, verify the whole, and apart
     assert not more or max(agent["predicted_px"] or 0.0 for agent in agents) > 1.0
     assert any(agent["apart"] for agent in agents) == ("blur" in more)
-    least = min(agent["allowed_px"] for agent in agents)
+    least = min(agent["allowed_px"] for agent in agents) - rows[0]["give_or_take_px"]
     assert ("--triangles" in more) == (least > 1.2)

@@ -35,21 +35,21 @@ def proof(*changes, agents=(), patches=(), shades=(), build=None):
 
 def test_what_passed_says_how_many_and_how_well():
     assert verdict(proof()) == (
-        "Passed: 20 agents in 1 frame, largest error 0.9 px of 1.0, give or take 0.7; colors "
-        "within 0.07; culling changes no pixel."
+        "Passed: 20 agents in 1 frame, largest error 0.86 px of 1.00 px allowed; colors "
+        "differ by 0.07 at most, of 0.1; culling changes no pixel."
     )
     more = {"by_presence": 1000, "not_judged": 3, "error_px": 0.2, "color_off": 0.01}
     apart = {"apart": 1, "apart_px": 4.25}
     assert verdict(proof({}, more | apart, build={"kind": "bake"})) == (
-        "Passed: 1,040 agents of the bake in 2 frames (40 by outline, 1,000 by presence, 3 not "
-        "judged), largest error 0.9 px of 1.0, give or take 0.7; 1 agent pinned, blurred or fading "
-        "by up to 4.2 px; colors within 0.07; culling changes no pixel."
+        "Passed: 1,040 agents of the bake in 2 frames (40 by outline, 1,000 small ones by presence, "
+        "3 not judged), largest error 0.86 px of 1.00 px allowed; 1 agent pinned, blurred or fading "
+        "by up to 4.2 px; colors differ by 0.07 at most, of 0.1; culling changes no pixel."
     )
     assert to_text(proof()).splitlines()[1:] == [
         "Not proved: other frames; denoising. One eye was looked at."
     ]
     nobody = {"by_outline": 0, "error_px": None, "color_off": 0.0}
-    assert verdict(proof(nobody)).startswith("Passed: 0 agents in 1 frame, colors within 0.00;")
+    assert verdict(proof(nobody)).startswith("Passed: 0 agents in 1 frame, colors differ by 0.00")
     unknown = nobody | {"not_judged": 80}
     assert verdict(proof(unknown)).startswith("Passed: 0 agents in 1 frame (80 not judged), colors")
 
