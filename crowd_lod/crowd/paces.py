@@ -1,7 +1,8 @@
 """Paces: the actions that agents play, at some speeds each, and the steps of their cross-fades.
 
 A step of a cross-fade is an action of its own, in which two actions play at one phase:
-`walk > idle 1/4` is a quarter of idle. docs/notes/behavior.md says why.
+`walk > idle 1/4` is a quarter of idle. So rigs, spheres, deviations, bakes and USD take it as any
+action, at the rate of the action that is faded to: 3 x 16 rigs a pair of actions and group.
 """
 
 import re

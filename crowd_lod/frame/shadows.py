@@ -38,7 +38,7 @@ from .stages import Moment, moments
 PART = 4096
 
 # Radii of its sphere, from there to what the picture shows, within which an agent takes a visible
-# part of the sky's light: eight heights of a person. Measured in docs/notes/sky_light.md.
+# part of the sky's light: eight heights of a person. Measured in docs/notes/occlusion.md.
 SKY_REACH = 14.0
 
 
