@@ -10,7 +10,6 @@ import bpy
 import numpy as np
 from crowd_lod_extension.crowd_lod.mesh import Mesh, join
 from crowd_lod_extension.operators.blender.mesh_data import world_mesh
-from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 from PIL import Image, ImageDraw
 
@@ -45,7 +44,8 @@ def sphere(count: int) -> np.ndarray:
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
 
 
-DIRECTIONS = np.random.default_rng(2).permutation(sphere(100))
+DIRECTIONS = np.random.default_rng(2).permutation(sphere(4_000))
+OF_FACES = 400  # of these, by which faces are found to show
 VIEWS = sphere(24)
 
 
@@ -80,11 +80,11 @@ class JudgedMesh(Mesh):
         hits = [self.tree.find_nearest(point)[2:] for point in points.tolist()]
         return np.array([hit[1] for hit in hits]), np.array([hit[0] for hit in hits])
 
-    def shows(self, point: np.ndarray, off: float) -> bool:
-        """Return whether some direction sees a point of the surface."""
-        start = Vector(point)
-        ways = map(Vector, DIRECTIONS.tolist())
-        return any(self.tree.ray_cast(start + float(off) * way, way)[0] is None for way in ways)
+    def shows(self, point: np.ndarray, off: float, directions: int = len(DIRECTIONS)) -> bool:
+        """Return whether one of the first so many directions sees a point of the surface."""
+        ways = DIRECTIONS[:directions]
+        begins = (point + off * ways).tolist()
+        return any(hit[0] is None for hit in map(self.tree.ray_cast, begins, ways.tolist()))
 
 
 class Stage:
@@ -147,10 +147,11 @@ def shown_faces(shape: JudgedMesh) -> np.ndarray:
     off = OFF * np.ptp(shape.points, axis=0).max()
     is_visible = np.zeros(len(shape.points), bool)
     for corner in np.unique(shape.triangles).tolist():
-        is_visible[corner] = shape.shows(shape.points[corner], off)
+        is_visible[corner] = shape.shows(shape.points[corner], off, OF_FACES)
     faces = is_visible[shape.triangles].any(axis=1)
     for face in np.flatnonzero(~faces).tolist():
-        faces[face] = shape.shows(shape.points[shape.triangles[face]].mean(axis=0), off)
+        middle = shape.points[shape.triangles[face]].mean(axis=0)
+        faces[face] = shape.shows(middle, off, OF_FACES)
     return np.flatnonzero(faces)
 
 

@@ -11,7 +11,7 @@ They share nothing with decimation and deviation, but for Blender's own trees.
 Bounds: points of either surface, corners and scattered ones, are measured against the whole of the
 other one at some of many random sub-frames; those far off are at all. In the worst frames faces are
 divided until none may have a point 3 % farther than the farthest found. A point counts if in that
-frame one of 100 directions sees it. *Seen* is the farthest; above the bound, it is a miss.
+frame one of 4,000 directions sees it. *Seen* is the farthest; above the bound, it is a miss.
 
 Outlines: masks of character and LOD, seen from 24 directions in 6 poses, as near as the LOD may
 begin. Told is by how many pixels one mask reaches out of the other.

@@ -27,8 +27,6 @@ class LevelPolicy:
         that a zoom changes it, and the thresholds only count the LODs.
     group_thresholds: one entry per group: its own thresholds, or () if it has none.
     finest: for each group the finest LOD that it has; () if each has all.
-    shading: with a tolerance, a LOD begins no nearer than where its shaded picture is within WITHIN
-        (validation/shaded_pictures.py) of the character's.
     CrowdError names the value that is wrong.
     """
 
@@ -37,7 +35,6 @@ class LevelPolicy:
     tolerance: float | None = None
     group_thresholds: tuple[tuple[float, ...], ...] = ()
     finest: tuple[int, ...] = ()
-    shading: bool = False
 
     def __post_init__(self) -> None:
         if self.margin is not None and not 0 <= self.margin < np.inf:
@@ -225,11 +222,9 @@ class Bias:
 def deviations(groups: Sequence[Group], policy: LevelPolicy) -> np.ndarray | None:
     """Return how far each group's LODs deviate at most; None if one is not measured.
 
-    (G, n) float64, meters. Infinite for LODs that repeat the group's last: they never begin. If the
-    policy counts shading, an entry is at least the tolerance times Group.shaded: the length that
-    shows as many pixels as the tolerance at the distance from which the LOD's shaded picture is
-    good enough.
-    CrowdError if shading counts and the pictures were not compared.
+    (G, n) float64, meters. Infinite for LODs that repeat the group's last: they never begin. By
+    tolerance, an entry is at least the tolerance times Group.shaded: the length that shows as many
+    pixels as the tolerance at the distance from which on the LOD's colors are good enough.
     """
     count = policy.count
     if not all(len(group.bounds) >= count for group in groups):
@@ -237,16 +232,11 @@ def deviations(groups: Sequence[Group], policy: LevelPolicy) -> np.ndarray | Non
     table = np.array([group.bounds[:count] for group in groups], np.float64)
     for row, group in zip(table, groups, strict=True):
         row[_lods_of_its_own(group, count) :] = np.inf
-    if not policy.shading:
-        return table
-    if not all(len(group.shaded) >= count for group in groups):
-        raise CrowdError(
-            "Match Shading needs LODs whose pictures were compared with their characters': press "
-            "Make LOD Meshes."
-        )
-    return np.maximum(
-        table, policy.tolerance * np.array([group.shaded[:count] for group in groups])
-    )
+    if policy.tolerance is not None:
+        for row, group in zip(table, groups, strict=True):
+            shaded = policy.tolerance * np.array(group.shaded[:count])
+            row[: len(shaded)] = np.maximum(row[: len(shaded)], shaded)
+    return table
 
 
 def _lods_of_its_own(group: Group, count: int) -> int:

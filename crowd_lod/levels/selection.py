@@ -199,25 +199,21 @@ class GroupShot:
     views: where the shot has agents of the group.
     characters: how many characters of the group a build has.
     costs: of the engine, on the machine that renders.
-    shading: whether Match Shading.
     holdings: of the group; armatures and bones are means over these characters.
     """
 
     views: Sequence[View]
     characters: int
     costs: Costs
-    shading: bool = False
     holdings: Holdings = Holdings()
 
 
 def counting(group: Group, tolerance: float, shot: GroupShot) -> Group:
-    """Return the group with bounds that include its shading, if the shot asks for it.
+    """Return the group with bounds that include what colors ask for.
 
     tolerance: pixels.
     """
-    policy = LevelPolicy(
-        (0.0,) * (len(group.bounds) - 1), tolerance=tolerance, shading=shot.shading
-    )
+    policy = LevelPolicy((0.0,) * (len(group.bounds) - 1), tolerance=tolerance)
     table = deviations((group,), policy)
     assert table is not None  # the policy has as many LODs as the group has bounds
     return replace(group, bounds=tuple(table[0].tolist()))
@@ -364,8 +360,6 @@ def fit_in_memory(
 MOST_LENGTHS = MOST_LEVELS - 1
 APART = 1.25  # times the length before, at least: with less, next to no triangles are saved
 COARSEST = 0.25  # of the radius: a LOD that deviates more is a few triangles whatever the length
-# of the nearest agent's length: where shading counts, LODs that are so much finer may be asked for
-DARKER = 0.25
 # of a length, by which a LOD deviates that was made for another: it takes few triangles more than
 # the length needs
 NEAR_ENOUGH = 0.87
@@ -378,7 +372,6 @@ def allowed_lengths(
     tolerance: float,
     finest: float,
     higher: bool = False,
-    finer: float = 1.0,
 ) -> list[float]:
     """Return deviations that agents allow, in meters, rising: from the nearest agent's to the
     farthest's.
@@ -389,11 +382,10 @@ def allowed_lengths(
     tolerance: pixels.
     finest: meters; a LOD that deviates less saves nothing.
     higher: whether also to return those that a higher tolerance allows.
-    finer: part of the nearest agent's length, with which they begin.
     """
     ends = np.array([_lengths(view, radius, tolerance) for view in views])
     most = COARSEST * radius
-    low = float(np.clip(finer * ends[:, 0].min(), min(finest, most), most))
+    low = float(np.clip(ends[:, 0].min(), min(finest, most), most))
     high = most if higher else float(np.clip(ends[:, 1].max(), low, most))
     count = min(MOST_LENGTHS, int(np.log(high / low) / np.log(APART)) + 1)
     return [_rounded_down(length) for length in np.geomspace(low, high, count)]

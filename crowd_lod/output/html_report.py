@@ -12,7 +12,6 @@ import numpy as np
 
 from .. import srgb
 from ..format import number
-from ..validation.shaded_pictures import WITHIN
 
 METHODS = {"POSE_AWARE": "Pose-Aware"}  # as pages name them
 STYLE = """
@@ -153,16 +152,11 @@ def cards(figures: Sequence[tuple[str, str]]) -> str:
 def _rule(levels: dict) -> str:
     """Return how LODs were chosen, in words."""
     if levels["tolerance"] is not None:
-        shading = (
-            f", and no shaded picture differs by more than {WITHIN:.0%} of white"
-            if levels.get("match_shading")
-            else ""
-        )
         limits = levels["budget"]
         budget = f", or by what the budget asks for ({limits})" if limits else ""
         return (
             f"LODs are chosen so that no surface lies off its character's by more than "
-            f"{levels['tolerance']:g} px{shading}{budget}."
+            f"{levels['tolerance']:g} px{budget}."
         )
     return "LODs are set by distance: what each keeps, and where it begins."
 

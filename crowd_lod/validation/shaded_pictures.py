@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from .. import srgb
 from ..mesh import Mesh
@@ -18,8 +19,8 @@ MARGIN = 6  # pixels about the body, half a window of `likeness`
 WINDOW = np.exp(-0.5 * (np.arange(-5, 6) / 1.5) ** 2)
 WINDOW /= WINDOW.sum()
 STEADY = 0.01**2, 0.03**2  # the constants of structural similarity
-# of white: the mean difference of two pictures that counts as none, five steps of a byte's 255
-WITHIN = 0.02
+BLOCK = 8  # pixels of a block, along each axis
+WITHIN = 0.1  # of white: the mean difference of a block's colors that counts as none
 LARGEST = 256  # pixels of a character's diagonal at which its LODs' pictures are compared
 HALVINGS = 6  # of these, for pictures as they look from farther off
 
@@ -30,7 +31,7 @@ class ShadedMesh(Mesh):
 
     normals: (m, 3, 3), of each triangle's corners, of length 1.
     uvs: (m, 3, 2), of each triangle's corners.
-    colors: (m, 3), linear color of each triangle.
+    colors: (m, 3, 3), linear, of each triangle's corners.
     image: (m,), the number of the image that replaces the color, or -1.
     """
 
@@ -47,15 +48,16 @@ def pictures(
 
     The arguments are those of `lit`, which gives the linear values.
     """
-    return [srgb.encoded(each).clip(0, 1) for each in lit(bodies, images, flat, axes)]
+    return [srgb.encoded(each[..., :3]).clip(0, 1) for each in lit(bodies, images, flat, axes)]
 
 
 def lit(
     bodies: Sequence[ShadedMesh], images: np.ndarray, flat: Sequence[np.ndarray], axes: np.ndarray
 ) -> list[np.ndarray]:
-    """Return linear pictures (rows, columns, 3) float64 of the bodies.
+    """Return linear pictures (rows, columns, 4) float64 of the bodies.
 
-    All have the same window, which holds all bodies.
+    The last channel is the part of a pixel that the body covers. All have the same window, which
+    holds all bodies.
     images: (i, size, size, 4) uint8, sRGB, bottom row first.
     flat: for each body (n, 3), its points in the picture: x right and y up in pixels, and depth.
     axes: (3, 3), the directions right, up and toward the camera.
@@ -74,44 +76,87 @@ def lit(
         light = np.clip(
             normal @ (LIGHT @ axes) / np.maximum(np.linalg.norm(normal, axis=1), 1e-12), 0, 1
         )
-        fine = np.full((rows * SUPERSAMPLING * columns * SUPERSAMPLING, 3), PAPER)
-        fine[pixel] = _colors(body, images, triangle, weights) * (SKY + (1 - SKY) * light)[:, None]
+        fine = np.full((rows * SUPERSAMPLING * columns * SUPERSAMPLING, 4), PAPER)
+        fine[:, 3] = 0.0
+        fine[pixel, :3] = (
+            _colors(body, images, triangle, weights) * (SKY + (1 - SKY) * light)[:, None]
+        )
+        fine[pixel, 3] = 1.0
         linear_pictures.append(
-            fine.reshape(rows, SUPERSAMPLING, columns, SUPERSAMPLING, 3).mean(axis=(1, 3))
+            fine.reshape(rows, SUPERSAMPLING, columns, SUPERSAMPLING, 4).mean(axis=(1, 3))
         )
     return linear_pictures
 
 
 def from_afar(picture: np.ndarray, other_picture: np.ndarray) -> list[float]:
-    """Return the mean differences of two pictures at full size and after each of HALVINGS halvings.
+    """Return how much two pictures differ, at full size and after each of HALVINGS halvings.
 
+    That is the largest mean of a block of BLOCK x BLOCK pixels, of 1, encoded as sRGB: of how far a
+    color lies beyond those that the other picture has about its place. Outlines do not count.
     A pixel of a halved picture is the mean of four: it shows the body from twice as far.
-    picture, other_picture: (rows, columns, 3), linear, from `lit`.
+    picture, other_picture: (rows, columns, 4), linear, from `lit`.
     """
-    pad = 2 ** (HALVINGS + 1)
+    both = [picture, other_picture]
     differences = []
-    # what stays empty about the smallest
-    sides = [(pad, pad + -length % pad) for length in picture.shape[:2]]
-    picture, other_picture = (
-        np.pad(values, [*sides, (0, 0)], constant_values=PAPER)
-        for values in (picture, other_picture)
-    )
     for _ in range(HALVINGS + 1):
-        differences.append(
-            likeness(*(srgb.encoded(values).clip(0, 1) for values in (picture, other_picture)))[0]
-        )
-        picture, other_picture = (
-            values.reshape(len(values) // 2, 2, -1, 2, 3).mean(axis=(1, 3))
-            for values in (picture, other_picture)
-        )
+        both = [_of_blocks(values) for values in both]
+        differences.append(_worst_block(*both))
+        both = [values.reshape(len(values) // 2, 2, -1, 2, 4).mean(axis=(1, 3)) for values in both]
     return differences
+
+
+def _of_blocks(picture: np.ndarray) -> np.ndarray:
+    """Return the picture (rows, columns, 4), with empty pixels after it up to whole blocks."""
+    rows, columns = (-(-length // BLOCK) * BLOCK for length in picture.shape[:2])
+    whole = np.full((rows, columns, 4), PAPER)
+    whole[..., 3] = 0.0
+    whole[: len(picture), : picture.shape[1]] = picture
+    return whole
+
+
+def _worst_block(picture: np.ndarray, other_picture: np.ndarray) -> float:
+    """Return the largest mean difference of blocks, which begin every half block."""
+    covers = [values[..., 3] for values in (picture, other_picture)]
+    colors = [
+        srgb.encoded(
+            (values[..., :3] - (1 - cover[..., None]) * PAPER) / np.maximum(cover, 1e-9)[..., None]
+        ).clip(0, 1)
+        for values, cover in zip((picture, other_picture), covers, strict=True)
+    ]
+    off = np.maximum(
+        _beyond(colors[0], colors[1], covers[1]), _beyond(colors[1], colors[0], covers[0])
+    )
+    off *= np.minimum(*covers)
+    half = BLOCK // 2
+    rows, columns = (length // half for length in off.shape)
+    quarters = off.reshape(rows, half, columns, half).sum(axis=(1, 3))
+    return float(sliding_window_view(quarters, (2, 2)).sum(axis=(2, 3)).max() / BLOCK**2)
+
+
+def _beyond(colors: np.ndarray, other_colors: np.ndarray, cover: np.ndarray) -> np.ndarray:
+    """Return how far colors are from the range of the others about each pixel, (rows, columns).
+
+    cover: (rows, columns), the part of each pixel that the others cover.
+    """
+    shown = (cover > 0)[..., None]
+    low = -_highest_about(np.where(shown, -other_colors, -np.inf))
+    high = _highest_about(np.where(shown, other_colors, -np.inf))
+    beyond = np.maximum(low - colors, colors - high).clip(0).max(axis=2)
+    return np.where(np.isfinite(beyond), beyond, 0.0)
+
+
+def _highest_about(values: np.ndarray) -> np.ndarray:
+    """Return the highest of the 3 x 3 values about each pixel (rows, columns, ...)."""
+    wide = np.pad(values, [(1, 1), (1, 1), (0, 0)], mode="edge")
+    across = np.maximum(np.maximum(wide[:, :-2], wide[:, 1:-1]), wide[:, 2:])
+    return np.maximum(np.maximum(across[:-2], across[1:-1]), across[2:])
 
 
 def _colors(
     body: ShadedMesh, images: np.ndarray, triangle: np.ndarray, weights: np.ndarray
 ) -> np.ndarray:
     """Return linear colors (k, 3) at barycentric `weights` (k, 3) of triangles (k,)."""
-    colors = body.colors[triangle]
+    colors = np.einsum("nk,nkd->nd", weights, body.colors[triangle])
     image = body.image[triangle]
     textured = np.flatnonzero(image >= 0)
     if len(textured):

@@ -111,6 +111,19 @@ def _ramp_behind(socket: bpy.types.NodeSocket) -> np.ndarray | None:
     return np.array([ramp.color_ramp.evaluate(step)[:3] for step in steps.tolist()], np.float32)
 
 
+def color_attribute_of(material: bpy.types.Material | None) -> str | None:
+    """Return the name of the color attribute that colors the material, "" for a mesh's own; None
+    where none does.
+    """
+    socket = _base_color(material) if material else None
+    for node in reached_nodes([socket]) if socket else ():
+        if node.type == "VERTEX_COLOR":
+            return node.layer_name
+        if node.type == "ATTRIBUTE" and node.attribute_type == "GEOMETRY":
+            return node.attribute_name
+    return None
+
+
 def _image_behind(socket: bpy.types.NodeSocket) -> bpy.types.Image | None:
     """Return the first image with pixels that the socket's links reach, or None."""
     images = (node.image for node in reached_nodes([socket]) if node.type == "TEX_IMAGE")

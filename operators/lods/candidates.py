@@ -12,7 +12,7 @@ from idprop.types import IDPropertyGroup
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.crowd.bounds import cover_sizes
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.levels.selection import DARKER, MOST_LENGTHS, View, allowed_lengths, in_gaps
+from ...crowd_lod.levels.selection import MOST_LENGTHS, View, allowed_lengths, in_gaps
 from ...crowd_lod.progress import Workload
 from ..blender import removal, stored_values
 from ..blender.colors import Looks
@@ -38,9 +38,10 @@ from .level_objects import (
     read_given,
     share_object,
 )
-from .measurements import OFTEN_LOST, Measurements
+from .measurements import COLUMNS, OFTEN_LOST, Measurements
 from .poses import skin_of
 from .search import Search
+from .shaded_pictures import is_painted
 
 # Custom properties of the collection of one character group in a LOD: the hash of what it was made
 # from, which candidate it is, and how many objects it has. That of the finest LOD also has what was
@@ -70,7 +71,7 @@ MOST_GOALS = 100  # whose measurements are kept
 LEAST_TRIANGLES = 300  # a character of fewer needs no LOD, and is not worth a search
 FOLLOWING = 0.5  # by distance, the LOD after a given one has at most this part of its triangles
 DIGITS = 12  # of a hash: as many as a goal can hold
-VERSION = 32  # of the code that makes LOD meshes: with another one they are made anew
+VERSION = 33  # of the code that makes LOD meshes: with another one they are made anew
 
 
 def _untouched(home: bpy.types.Collection) -> bool:
@@ -125,8 +126,8 @@ class Ladder:
         self.objects = objects
         self.searched = settings.choice == "BY_TOLERANCE"
         self.goals = [0.0] if self.searched else ratios
-        self.looks = Looks() if self.searched and settings.match_shading else None
-        self.measured = Measurements(bool(self.looks))
+        self.looks = Looks() if self.searched and is_painted(objects) else None
+        self.measured = Measurements()
         self.place = [*place, *map(displaced, objects)]
         self.reach: tuple[float, float, float, float] | None = None
         self.sources: list[sources.Source] = []
@@ -158,13 +159,7 @@ class Ladder:
                 f"mesh, or take it out."
             )
         actions = digest_of(self.judge.performance.parts)
-        self.digest = text_digest(
-            digests,
-            self.goals,
-            VERSION,
-            *["shading"] * bool(self.looks),
-            *actions,
-        )
+        self.digest = text_digest(digests, self.goals, VERSION, *actions)
         meshes = [source for source in self.sources if source.mesh]
         triangles = [count_triangles(source.mesh) for source in meshes]
         for source, count in zip(meshes, triangles, strict=True):
@@ -221,7 +216,6 @@ class Ladder:
                 tolerance / size,
                 finest,
                 higher,
-                DARKER if self.looks else 1.0,
             )
         bounds = {goal: self.measured.value(goal, "bounds") for goal in self.given}
         gaps = in_gaps(lengths, list(bounds.values()))
@@ -252,7 +246,7 @@ class Ladder:
         goals = stored_values.read(stored, CANDIDATE, float, "", range(1, MOST_GOALS + 1))
         columns = [
             stored_values.read(stored, name, kind, "", (len(goals),))
-            for name, kind in self.measured.kinds.items()
+            for name, kind in COLUMNS.items()
         ]
         self.measured.diagonal = stored_values.read(stored, "diagonal", float, "")
         self.measured.rows = {}
@@ -397,16 +391,13 @@ class Ladder:
         Yields between the steps.
         """
         self.measured.diagonal = self.judge.diagonal
-        row = (*counts, *deviation)
-        if self.looks:
+        shaded = 0.0
+        if self.looks and goal:
             worst = (self.judge.performance, deviation[-1])
             level = list(self.homes[goal].objects)
             diagonal = self.judge.diagonal
-            shaded = 0.0
-            if goal:
-                shaded = yield from compare(self.objects, level, worst, diagonal, self.looks)
-            row += (shaded,)
-        self.measured.rows[goal] = row
+            shaded = yield from compare(self.objects, level, worst, diagonal, self.looks)
+        self.measured.rows[goal] = (*counts, *deviation, shaded)
 
     def look_between(self, goals: Sequence[float]) -> Generator[float, None, bool]:
         """Look at LODs that were made anew in frames between the poses, unless that is done.

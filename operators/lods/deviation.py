@@ -20,7 +20,7 @@ from ..scene.scene_crowd import characters_of, home_of
 from .posed_shapes import Posed, PosedMesh, read_shapes, surface_of
 from .posed_surface import Measured, PosedSurface, compare_surfaces, find_lost, parts_of
 from .poses import choose_poses
-from .shaded_pictures import bodies_of, within
+from .shaded_pictures import bodies_of, is_painted, within
 from .surface import merge
 from .unseen_frames import Looked, Watched, look_at, moments_beside, moments_between, watch
 
@@ -369,7 +369,7 @@ def measure_levels(scene: bpy.types.Scene) -> Iterator[float]:
         actions = actions_named(scene, name)
         steps = measure(group_by_name[name], objects, meshes, actions)
         measured_group = yield from work.take(steps, 1)
-        if settings.match_shading:
+        if settings.choice == "BY_TOLERANCE" and is_painted(objects):
             appearance = Looks()
             coarser = zip(meshes[1:], measured_group.worst[1:], strict=True)
             performance = performance_of(name, objects, actions)

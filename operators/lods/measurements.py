@@ -16,6 +16,7 @@ COLUMNS = {
     "bounds": float,
     "rms": float,
     "worst": float,
+    "shaded": float,
 }
 # Values of Measurements.lost to guess by. The first is below most LODs': a candidate whose guess is
 # too coarse would never be tried. The second is the middle.
@@ -28,23 +29,21 @@ class Measurements:
 
     Guesses come from those that were made here, whose goals are not negative.
 
-    kinds: the fields of a Group that are measured -> their type.
-    rows: goal -> a value for each of `kinds`.
+    rows: goal -> a value for each of COLUMNS.
     diagonal: of the character, meters.
     """
 
-    def __init__(self, with_shading: bool):
-        self.kinds = dict(COLUMNS) | ({"shaded": float} if with_shading else {})
+    def __init__(self) -> None:
         self.rows: dict[float, tuple] = {}
         self.diagonal = 0.0
 
     def value(self, goal: float, kind: str) -> float:
-        return self.rows[goal][list(self.kinds).index(kind)]
+        return self.rows[goal][list(COLUMNS).index(kind)]
 
     def columns(self, goals: Sequence[float]) -> dict:
         """Return the values of a Group for the candidates of `goals`, by name of the field."""
         rows = [self.rows[goal] for goal in goals]
-        columns = dict(zip(self.kinds, zip(*rows, strict=True), strict=True))
+        columns = dict(zip(COLUMNS, zip(*rows, strict=True), strict=True))
         return columns | {"diagonal": self.diagonal}
 
     def goal_near(self, length: float) -> float:
@@ -99,8 +98,8 @@ class Measurements:
         usual: values of `lost` of all characters, by which candidates that were not measured are
             guessed: those goals are lengths. None: their values are 0.
         """
-        rows = [self.rows.get(goal, (0,) * len(self.kinds)) for goal in goals]
-        values = dict(zip(self.kinds, map(list, zip(*rows, strict=True)), strict=True))
+        rows = [self.rows.get(goal, (0,) * len(COLUMNS)) for goal in goals]
+        values = dict(zip(COLUMNS, map(list, zip(*rows, strict=True)), strict=True))
         missing = [k for k, goal in enumerate(goals) if goal not in self.rows]
         if usual is not None and missing:
             guesses = self._guess([goals[k] for k in missing], usual)
@@ -119,9 +118,7 @@ class Measurements:
             "triangles": triangles,
             "vertices": [round(corners * count) for count in triangles],
         }
-        if "shaded" in self.kinds:
-            pairs = [pair for pair in self._by_bound("shaded") if 0 < pair[1] < np.inf]
-            guesses["shaded"] = [0.0] * len(lengths)
-            if pairs:
-                guesses["shaded"] = read_curve(lengths, pairs, 1.0).tolist()
+        pairs = [pair for pair in self._by_bound("shaded") if 0 < pair[1] < np.inf]
+        if pairs:
+            guesses["shaded"] = read_curve(lengths, pairs, 1.0).tolist()
         return guesses

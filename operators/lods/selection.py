@@ -108,7 +108,6 @@ def views(crowd: SceneCrowd) -> Generator[float, None, list[GroupShot]]:
             group_views or anywhere,
             int(pose_count),
             costs,
-            settings.match_shading,
             holdings.of_group(g, part),
         )
         for g, (group_views, pose_count, part) in enumerate(

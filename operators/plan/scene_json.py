@@ -126,7 +126,6 @@ def _levels_of(crowd: SceneCrowd, characters: list[dict]) -> dict[str, Any]:
         "margin": policy.margin and policy.margin * scene_data.meters(crowd.scene),
         "tolerance": policy.tolerance,
         "budget": budget_words(settings) if budget_of(settings) != Budget() else None,
-        "match_shading": policy.shading,
         "pixels": cameras.image_size(crowd.scene.render),
         "ratios": [round(r, 6) for r in settings.ratios[: policy.count]]
         if policy.tolerance is None

@@ -178,7 +178,6 @@ def policy_of(settings, choice: str = "") -> LevelPolicy:
         if tolerant and settings.memory_tolerance
         else (),
         margin=settings.margin if settings.margin_kind == "FIXED" else None,
-        shading=tolerant and settings.match_shading,
     )
 
 

@@ -292,11 +292,6 @@ class LevelSettings:
         description="Megabytes that the characters may take in a render: LODs are chosen to fit, "
         "where they deviate least. 0 is no limit",
     )
-    match_shading: BoolProperty(
-        name="Match Shading",
-        description="By tolerance, a LOD also begins only where its shaded picture differs by 2 % "
-        "of white at most",
-    )
     level_count: IntProperty(
         update=push_all,
         name="Levels",

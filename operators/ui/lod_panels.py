@@ -100,8 +100,6 @@ class CROWDLOD_PT_levels_advanced(StepPanel, bpy.types.Panel):
     bl_parent_id = "CROWDLOD_PT_levels"
 
     def body(self, context, layout, settings) -> None:
-        if settings.choice == "BY_TOLERANCE":
-            layout.prop(settings, "match_shading")
         layout.prop(settings, "bias_image")
 
 

@@ -155,12 +155,12 @@ def test_a_hidden_object_is_left_out(body):
 
 
 def test_where_a_search_took_all_triangles_no_finer_lod_is_guessed_to_take_fewer():
-    measured = Measurements(with_shading=False)
+    measured = Measurements()
     measured.diagonal = 2.0
-    whole = (500, 1000, 0.0, 1e-4, 0.0, 1.0)
+    whole = (500, 1000, 0.0, 1e-4, 0.0, 1.0, 0.0)
     measured.rows = {0.0: whole, 0.002: whole}
     assert measured.guess_triangles([0.001, 0.002, 0.004], 4.0) == [1000, 1000, 500]
     assert measured.lost() == []
     # one that fails where finer lengths have LODs says nothing
-    measured.rows |= {0.01: (50, 100, 0.009, 0.01, 0.0, 1.0), 0.02: whole}
+    measured.rows |= {0.01: (50, 100, 0.009, 0.01, 0.0, 1.0, 0.0), 0.02: whole}
     assert measured.guess_triangles([0.001, 0.02], 4.0) == [1000, 50]

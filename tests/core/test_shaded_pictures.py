@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd.agents import Group
-from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.levels.assignment import (
     LevelPolicy,
     deviations,
@@ -35,7 +34,7 @@ def body(points, triangles, color=(0.8, 0.4, 0.2), uvs=None, image=-1):
     m = len(triangles)
     uvs = np.zeros((m, 3, 2)) if uvs is None else uvs
     return ShadedMesh(
-        points, triangles, points[triangles], uvs, np.tile(color, (m, 1)), np.full(m, image)
+        points, triangles, points[triangles], uvs, np.tile(color, (m, 3, 1)), np.full(m, image)
     )
 
 
@@ -92,7 +91,7 @@ def test_what_is_nearer_hides_what_is_behind():
         np.concatenate([triangles, triangles + len(points)]),
         normals,
         np.zeros((2 * count, 3, 2)),
-        np.repeat([(1.0, 0, 0), (0, 1.0, 0)], count, axis=0),
+        np.repeat([[(1.0, 0, 0)] * 3, [(0, 1.0, 0)] * 3], count, axis=0),
         np.full(2 * count, -1),
     )
     (picture,) = pictures([two], NONE, [flat(both, 30)], AXES)
@@ -146,25 +145,52 @@ def test_a_thinner_ball_and_one_lit_otherwise_are_less_alike():
     assert differences[3] > 0.05 and alike[3] < 0.99
 
 
+def on_paper(values):
+    """A picture of 100 x 90 pixels, of which a square of 32 x 32 shows these linear values."""
+    picture = np.full((100, 90, 4), shaded_pictures.PAPER)
+    picture[..., 3] = 0.0
+    picture[32:64, 20:52, :3] = values
+    picture[32:64, 20:52, 3] = 1.0
+    return picture
+
+
 def test_what_differs_in_detail_alone_is_alike_from_afar():
-    """Stripes of 2 pixels, and the same moved by a stripe: no pixel is alike, and of the means of 4
-    x 4 each is.
+    """Squares of 8 pixels, and the same the other way round: no color of a block is found in the
+    other picture, and of the means of 16 x 16 each is.
     """
-    one = np.full((100, 90, 3), shaded_pictures.PAPER)
-    rows = np.arange(32)
-    one[32:64, 20:52] = np.where(rows // 2 % 2, 0.6, 0.4)[:, None, None]
-    other = one.copy()
-    other[32:64, 20:52] = 1.0 - one[32:64, 20:52]
+    rows, columns = np.mgrid[:32, :32] // 8
+    first = (rows + columns) % 2 == 0
+    one, other = (on_paper(np.where(each, 0.6, 0.4)[..., None]) for each in (first, ~first))
     differences = shaded_pictures.from_afar(one, other)
     encoded = 1.055 * np.array([0.6, 0.4]) ** (1 / 2.4) - 0.055
     assert len(differences) == shaded_pictures.HALVINGS + 1
-    np.testing.assert_allclose(differences[:2], encoded[0] - encoded[1])
-    np.testing.assert_allclose(differences[2:], 0, atol=1e-12)
-    other[32:64, 20:52] = 0.6  # brighter in the mean, too
-    assert min(shaded_pictures.from_afar(one, other)) > 0.01
+    # but for the sides of a square that have another beside them, which finds its color there; of
+    # a corner of all two have none
+    assert differences[0] == pytest.approx((7 / 8) ** 2 * (encoded[0] - encoded[1]))
+    np.testing.assert_allclose(differences[4:], 0, atol=1e-12)
+    brighter = shaded_pictures.from_afar(one, on_paper(0.6))  # in the mean, too
+    assert max(brighter[1:5]) > 0.01 and brighter[-1] < brighter[1]
 
 
-def test_where_shading_counts_a_lod_begins_where_both_allow():
+def test_outlines_and_what_is_moved_by_a_pixel_do_not_count():
+    stripes = np.where(np.arange(2, 36) // 4 % 2, 0.6, 0.1)[:, None, None] * np.ones((1, 32, 3))
+    one, other = on_paper(stripes[:32]), on_paper(stripes[1:33])
+    assert shaded_pictures.from_afar(one, other)[0] == 0
+    assert shaded_pictures.from_afar(one, np.roll(one, 1, axis=0))[0] == 0
+    thinner = one.copy()
+    thinner[32:64, 44:52] = on_paper(0.0)[0, 0]
+    assert shaded_pictures.from_afar(one, thinner)[0] == 0
+
+
+def test_one_lost_patch_is_found_wherever_it_lies():
+    for row in range(32, 44):
+        spoilt = on_paper(0.5)
+        spoilt[row : row + 12, 30:42, :3] = 0.05
+        (most, *_) = shaded_pictures.from_afar(on_paper(0.5), spoilt)
+        assert most == pytest.approx(0.7354 - 0.2475, abs=1e-3)
+
+
+def test_a_lod_begins_where_its_outline_and_its_colors_allow():
     group = Group(
         "a",
         1.0,
@@ -176,16 +202,16 @@ def test_where_shading_counts_a_lod_begins_where_both_allow():
         shaded=(0, 0.05, 0.0, np.inf),
     )
     for tolerance in (1.0, 2.0):
-        plain = LevelPolicy((0.0,) * 3, tolerance=tolerance)
-        both = replace(plain, shading=True)
-        np.testing.assert_array_equal(deviations([group], plain), [group.bounds])
+        policy = LevelPolicy((0.0,) * 3, tolerance=tolerance)
+        colorless = deviations([replace(group, shaded=())], policy)
+        np.testing.assert_array_equal(colorless, [group.bounds])
         camera = straight()  # 50 pixels a unit of slope
-        begin = threshold_distances(both, camera, np.ones(1), deviations([group], both))
+        begin = threshold_distances(policy, camera, np.ones(1), deviations([group], policy))
         np.testing.assert_allclose(
             begin, [[max(50 * 0.01 / tolerance, 50 * 0.05) + 1] * 2 + [np.inf]]
         )
         assert threshold_distances(
-            both, straight(kind="ORTHO"), np.ones(1), deviations([group], both)
+            policy, straight(kind="ORTHO"), np.ones(1), deviations([group], policy)
         ).tolist() == [[-np.inf, -np.inf, np.inf]]
-        with pytest.raises(CrowdError, match="Make LOD Meshes"):
-            deviations([replace(group, shaded=())], both)
+    by_distance = LevelPolicy((0.2, 0.4, 0.8))
+    np.testing.assert_array_equal(deviations([group], by_distance), [group.bounds])
