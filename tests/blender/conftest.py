@@ -137,6 +137,16 @@ def levelled(saved_once, request):
 
 
 @pytest.fixture
+def one_level(saved_once, request):
+    """The small crowd of one group that shows its character itself.
+
+    Pictures of LODs and their silhouettes take three quarters of a small preview.
+    """
+    name = f"one level {_finer(request)}"
+    return saved_once(name, lambda: _make_one_level(request.getfixturevalue("scene")))
+
+
+@pytest.fixture
 def built(saved_once, request):
     """The small crowd, built, under a camera that moves and turns."""
     name = f"built {_finer(request)}"
@@ -147,6 +157,13 @@ def built(saved_once, request):
 
 def _finer(request) -> int:
     return getattr(request.module, "FINER", CAGE)
+
+
+def _make_one_level(scene):
+    people = scene.crowd_lod.characters
+    people.children.unlink(people.children["child"])
+    scene.crowd_lod.level_count = 1
+    _level(scene)
 
 
 def _level(scene):

@@ -208,16 +208,18 @@ def test_who_comes_back_on_the_other_side_is_not_drawn_across_the_picture(built,
     )
 
 
-def test_times_of_an_open_shutter_are_of_the_frame_that_it_belongs_to(built):
+def test_times_of_an_open_shutter_are_of_the_frame_that_it_belongs_to():
     """The times as Blender's engines ask for them, rounded to float32."""
-    built.render.use_motion_blur = True
-    built.render.motion_blur_shutter = 0.9
-    for built.render.motion_blur_position, opens in (("START", 0), ("CENTER", 0.45), ("END", 0.9)):
+    scene = bpy.context.scene
+    render = scene.render
+    render.use_motion_blur = True
+    render.motion_blur_shutter = 0.9
+    for render.motion_blur_position, opens in (("START", 0), ("CENTER", 0.45), ("END", 0.9)):
         for number in (1, 7, 500):
             for part in (0, 0.3, 0.6, 0.9):
                 time = np.float32(number + part - opens)
-                built.frame_set(int(time), subframe=float(time % 1))
-                assert frame_update.shutter_frame(built, None) == number, (number, part)
+                scene.frame_set(int(time), subframe=float(time % 1))
+                assert frame_update.shutter_frame(scene, None) == number, (number, part)
 
 
 @pytest.mark.parametrize("position", ["START", "CENTER", "END"])

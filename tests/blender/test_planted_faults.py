@@ -110,11 +110,6 @@ def larger_lod(scene):
         mesh.transform(Matrix.Scale(1.1, 4))
 
 
-def shifted_lod(scene):
-    for mesh in lod_meshes(scene, 1):
-        mesh.transform(Matrix.Translation((0, 0, 0.15)))
-
-
 def swapped_lods(scene):
     items = shelves_of(scene.crowd_lod.build)[COARSEST].all_objects
     meshes = sorted((item for item in items if item.type == "MESH"), key=lambda item: item.name)
@@ -166,16 +161,11 @@ def those_before_the_sky_deleted(scene):
     shadows_of_those_outside(scene)
 
 
-def all_far_deleted(scene):
-    edit_points(scene, lambda bucket, columns: columns["position"][:, 1] < 5)
-
-
 FAULTS = {
     no_shadows: r"a patch of \d+ x \d+ px differs by 0\.\d+ in frame 1.*: no shadow\?",
     red_lod: r"a patch of .* on agent \d+: another material\?",
     darker_lod: r"LOD 2 of adult is \d\d% darker than the character: .*; LOD 2 of child is",
     larger_lod: r"agent \d+ \(LOD 1, frame 1\) is off by \d+\.\d\d px, limit \d\.\d\d px",
-    shifted_lod: r"agent \d+ \(LOD 1, frame 1\) is off by \d+\.\d\d px, limit \d\.\d\d px",
     swapped_lods: r"agent \d+ \(LOD 2, frame 1\) is off by \d+\.\d\d px",
     later_phase: r"agent \d+ \(LOD \d, frame 1\) is off by \d+\.\d\d px",
     turned: r"agent \d+ \(LOD \d, frame 1\) is off by \d+\.\d\d px",
@@ -184,7 +174,6 @@ FAULTS = {
     late_lamp: r"the bake is older than the lights: bake again; ",
     shadows_of_those_outside: r"culling changes \d+ pixels in frame 1",
     those_before_the_sky_deleted: r"culling changes the sky's light in \d+\.\d% of frame 1",
-    all_far_deleted: r"\d+ agents are missing in frame 1: ",
 }
 
 

@@ -2,9 +2,11 @@
 
 import json
 from dataclasses import replace
+from itertools import groupby
 
 import pytest
 from crowd_lod_extension.crowd_lod.validation import stiff_cases
+from crowd_lod_extension.crowd_lod.validation.extreme_cases import cases
 from crowd_lod_extension.operators.cli import commands
 
 
@@ -14,10 +16,19 @@ def run(*words):
 
 @pytest.mark.once
 def test_extremes_are_a_table_of_errors_within_their_bounds(capfd):
+    """Of speeds none is refused but the one beyond the limit."""
     assert run("report", "extremes", "--most", "1000", "--quiet", "--json") == 0
     found = json.loads(capfd.readouterr().out)
     assert found["ok"] and found["wrong"] == []
-    by = {(row["case"], row["quantity"]): row for row in found["rows"]}
+    rows = found["rows"]
+    assert all(row["ok"] == (row["error"] <= row["bound"]) for row in rows)
+    refused = [row["case"] for row in rows if row["quantity"].startswith("steps refused")]
+    assert refused == ["1,000,000 cells a step"]
+    plans = [(case.name, 3 if case.name == "panoramic" else 4) for case in cases(1000)]
+    steps = [(case.name, 1 if case.name in refused else 2) for case in stiff_cases.cases()]
+    counts = [(name, len(list(own))) for name, own in groupby(rows, lambda row: row["case"])]
+    assert counts == plans + steps
+    by = {(row["case"], row["quantity"]): row for row in rows}
     assert by["1,000 agents", "agents missed"] == {
         "case": "1,000 agents", "quantity": "agents missed", "error": 0, "bound": 0, "ok": True,
     }  # fmt: skip

@@ -23,15 +23,20 @@ def run(*words):
     return commands.run_command([str(word) for word in words], "crowd-lod")
 
 
+def saved(scene, folder):
+    scene.crowd_lod.count = 8
+    scene.cycles.samples = 2
+    bpy.ops.wm.save_as_mainfile(filepath=str(folder / "crowd.blend"))
+    return folder / "crowd.blend"
+
+
 @pytest.fixture
-def file(levelled, tmp_path):
-    levelled.crowd_lod.count = 8
-    levelled.cycles.samples = 2
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "crowd.blend"))
-    return tmp_path / "crowd.blend"
+def file(one_level, tmp_path):
+    return saved(one_level, tmp_path)
 
 
-def test_chunks_are_assembled_to_the_files_of_one_run(file, tmp_path, capfd):
+def test_chunks_are_assembled_to_the_files_of_one_run(levelled, tmp_path, capfd):
+    file = saved(levelled, tmp_path)
     (name, *options) = VERIFY
     chunks = ("1", "9")
     assert run(name, file, *options, "--out", tmp_path / "one") == 0

@@ -10,7 +10,6 @@ from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import find_visible
-from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap
 from crowd_lod_extension.operators.blender.output_folders import full_path
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.freshness.artifacts import CROWD, reason_of
@@ -20,7 +19,6 @@ from crowd_lod_extension.operators.scene.simulate_button import (
     CROWDLOD_OT_simulate,
     simulate_scene,
 )
-from crowd_lod_extension.operators.scene.sources.simulation_ground import walkable_polygons
 from crowd_lod_extension.operators.settings.crowds import add_crowd
 from crowd_lod_extension.sample_scenes.characters import make_characters
 
@@ -445,28 +443,6 @@ def test_command_writes_a_scene_that_follows_the_trajectories_beside_it(hall, tm
     assert commands.run_command([*words, "--seed", "-1"], "crowd-lod") == 1
     assert (out / "walked.blend").read_bytes() == before
     assert len([*out.iterdir()]) == 2
-
-
-def test_polygons_hold_the_cells_that_hang_together_and_nothing_else():
-    """A ring that touches itself in a corner, whose hole is closed, and three cells apart from it
-    by a corner.
-    """
-    shapely = pytest.importorskip("shapely")
-    cells = np.array([[1, 1, 1, 0], [1, 0, 1, 0], [1, 1, 0, 1], [0, 0, 1, 1]], bool)
-    world = LabelMap(cells.astype(np.uint8), Area(-4, -2, 4, 2))
-    ring, apart = walkable_polygons(world, cells, (1, 0))
-    assert (
-        (ring.area, apart.area) == (14, 6)
-        and len(ring.interiors) == 1
-        and ring.is_valid
-        and apart.is_valid
-    )
-    y, x = np.indices(cells.shape) + 0.5
-    for part, row, column in ((ring, 0, 0), (apart, 3, 3)):
-        assert shapely.contains_xy(part, 2 * column - 4, row - 1.5)
-    inside = shapely.contains_xy(shapely.union(ring, apart), 2 * x - 5, y - 2)
-    np.testing.assert_array_equal(inside, cells)
-    assert walkable_polygons(world, np.zeros_like(cells), (0, 0)) == []
 
 
 def test_who_waits_stands_in_an_action_of_its_own(scene):

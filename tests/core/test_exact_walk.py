@@ -165,13 +165,13 @@ def test_a_table_that_turns_at_each_read_has_no_limit_and_convergence_says_so():
     assert (found.apart > 0.2).all()
 
 
-@pytest.mark.parametrize("seconds", [4.0, 20.0])
-def test_on_the_plaza_s_large_map_nobody_misses_a_border(seconds):
+@pytest.mark.once
+def test_on_the_plaza_s_large_map_nobody_misses_a_border():
     machine = load_preset("plaza")
     world = plaza_map.plan(machine)
-    crowd = populate(2000, 1, 3, machine, world)
-    moved, chatters = walk(crowd, machine, world, seconds)
-    truth = follow_exactly(crowd, machine, world, seconds, limit=True)
+    crowd = populate(500, 1, 3, machine, world)
+    moved, chatters = walk(crowd, machine, world, 20.0)
+    truth = follow_exactly(crowd, machine, world, 20.0, limit=True)
     assert not truth.unknown.any() and (chatters == truth.chatters).all()
     np.testing.assert_allclose(moved.x, truth.x, atol=1e-10)
     np.testing.assert_allclose(moved.y, truth.y, atol=1e-10)
