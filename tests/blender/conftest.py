@@ -5,6 +5,7 @@ import shutil
 import bpy
 import crowd_lod_extension
 import pytest
+from crowd_lod_extension.operators.blender import sidebar_answers
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 
 from ..support.coarse_characters import CAGE
@@ -21,6 +22,12 @@ def registered():
 @pytest.fixture(autouse=True)
 def empty_file(registered):
     open_empty_file()
+
+
+@pytest.fixture
+def at_once(monkeypatch):
+    """The sidebar looks at the scene again whenever it is drawn, not once a second."""
+    monkeypatch.setattr(sidebar_answers, "LOOK", 0.0)
 
 
 @pytest.fixture

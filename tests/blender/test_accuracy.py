@@ -12,7 +12,6 @@ import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender.machine import run_process
-from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.deliver.accuracy import ways
 from crowd_lod_extension.operators.deliver.accuracy.accuracy import measure
 from crowd_lod_extension.operators.deliver.accuracy.renders import choose_engine
@@ -26,9 +25,7 @@ from crowd_lod_extension.operators.deliver.accuracy.ways import (
 from crowd_lod_extension.operators.deliver.proof.verify import prepare_crowd
 from crowd_lod_extension.operators.scene.scene_crowd import policy_of
 
-
-def run(*words):
-    return commands.run_command([str(word) for word in words], "crowd-lod")
+from ..support.commands import run
 
 
 @pytest.fixture

@@ -7,7 +7,6 @@ from math import pi
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.operators.blender import sidebar_answers
 from crowd_lod_extension.operators.blender.references import closure_of
 from crowd_lod_extension.operators.blender.scene_data import set_node_input
 from crowd_lod_extension.operators.cli import commands
@@ -253,8 +252,7 @@ def depending():
     return [item, armature, path], dependencies
 
 
-def test_a_change_of_anything_that_a_character_is_made_of_is_an_edit_of_it(small_shot, monkeypatch):
-    monkeypatch.setattr(sidebar_answers, "LOOK", 0.0)
+def test_a_change_of_anything_that_a_character_is_made_of_is_an_edit_of_it(small_shot, at_once):
     items, dependencies = depending()
     character(*items)
     small_shot.crowd_lod.level_count = 2

@@ -4,7 +4,6 @@ button.
 
 import bpy
 import pytest
-from crowd_lod_extension.operators.blender import sidebar_answers
 from crowd_lod_extension.operators.blender.scene_data import set_node_input
 
 from ..support.characters import character, new, rig, skin, tube
@@ -12,8 +11,7 @@ from ..support.freshness import changed_since_build
 from ..support.nodes import BLOCKS, INPUTS, nodes_modifier
 
 
-def test_a_changed_input_of_nodes_makes_the_build_ask_for_update(small_shot, monkeypatch):
-    monkeypatch.setattr(sidebar_answers, "LOOK", 0.0)
+def test_a_changed_input_of_nodes_makes_the_build_ask_for_update(small_shot, at_once):
     item = new("body", tube("body", 6, 3))
     character(item)
     modifier = nodes_modifier(item)
@@ -38,8 +36,7 @@ def test_a_changed_input_of_nodes_makes_the_build_ask_for_update(small_shot, mon
         assert changed_since_build(small_shot) == [], kind
 
 
-def test_an_animated_input_of_nodes_is_no_edit(small_shot, monkeypatch):
-    monkeypatch.setattr(sidebar_answers, "LOOK", 0.0)
+def test_an_animated_input_of_nodes_is_no_edit(small_shot, at_once):
     item = new("body", tube("body", 6, 3))
     character(item)
     modifier = nodes_modifier(item)

@@ -14,12 +14,9 @@ from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 
 from ..support.coarse_characters import coarsen
+from ..support.commands import run
 
 SHORT = ("--frames", "1,60", "--width", "160", "--quiet")
-
-
-def run(*words):
-    return commands.run_command([str(word) for word in words], "crowd-lod")
 
 
 def shares(path, low=1 / 255, ratio=1.6):

@@ -6,7 +6,6 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.sources.changed import Overridden
-from crowd_lod_extension.operators.blender import sidebar_answers
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 
 from ..support.freshness import changed_since_build
@@ -72,8 +71,7 @@ def shown(scene):
 
 
 @pytest.mark.parametrize("make", ["build", "bake"])
-def test_the_build_shows_edited_agents_where_they_are_put(built, make, monkeypatch):
-    monkeypatch.setattr(sidebar_answers, "LOOK", 0.0)
+def test_the_build_shows_edited_agents_where_they_are_put(built, make, at_once):
     built.frame_start = 1
     built.frame_end = 3
     frame = frame_at(built, 2)

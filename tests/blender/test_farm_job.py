@@ -15,6 +15,8 @@ from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.deliver import farm_job
 
+from ..support.commands import run
+
 pytestmark = pytest.mark.once  # long, and the same on every Blender
 
 
@@ -33,10 +35,6 @@ import bpy
 bpy.ops.wm.open_mainfile(filepath=sys.argv[sys.argv.index("--background") + 1])
 runpy.run_path(sys.argv[sys.argv.index("--python") + 1])
 """
-
-
-def run(*words):
-    return commands.run_command([str(word) for word in words], "crowd-lod")
 
 
 @pytest.fixture

@@ -6,7 +6,6 @@ from pathlib import Path
 import bpy
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.blender import sidebar_answers
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.deliver.update_all import due_steps, update_all
 from crowd_lod_extension.operators.freshness.artifacts import (
@@ -28,13 +27,10 @@ from ..support.freshness import (
     changed_since_populate,
 )
 
+pytestmark = pytest.mark.usefixtures("at_once")
+
 DOCS = Path(__file__).parents[2] / "docs"
 FIRST = "crowd_lod.populate", "crowd_lod.make_levels", "crowd_lod.plan_shot", "crowd_lod.build"
-
-
-@pytest.fixture(autouse=True)
-def at_once(monkeypatch):
-    monkeypatch.setattr(sidebar_answers, "LOOK", 0.0)
 
 
 @pytest.fixture

@@ -2,7 +2,7 @@
 
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.blender import provenance, sidebar_answers
+from crowd_lod_extension.operators.blender import provenance
 from crowd_lod_extension.operators.build import render_setup
 from crowd_lod_extension.operators.freshness.artifacts import note_build
 from crowd_lod_extension.operators.freshness.parts import build_parts
@@ -75,9 +75,8 @@ def test_lods_with_a_spoilt_note_are_told_of_without_an_error(levelled, spoilt):
 
 
 def test_lods_of_characters_that_were_edited_are_to_be_made_again_and_those_that_only_move_are_not(
-    scene, monkeypatch
+    scene, at_once
 ):
-    monkeypatch.setattr(sidebar_answers, "LOOK", 0.0)
     settings = scene.crowd_lod
     settings.level_count = 2
     settings.count = 20

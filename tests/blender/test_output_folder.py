@@ -7,7 +7,6 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.operators.blender import sidebar_answers
 from crowd_lod_extension.operators.blender.output_folders import full_path, output_folder
 from crowd_lod_extension.operators.deliver.open_report import report_path
 from crowd_lod_extension.operators.scene.plan_verdict import verdict_in_words
@@ -220,9 +219,8 @@ def test_a_record_of_points_moves_along(tmp_path):
 
 @pytest.mark.once
 def test_a_plan_that_is_copied_or_made_again_alike_leaves_the_build_as_it_is(
-    scene, tmp_path, monkeypatch
+    scene, tmp_path, at_once
 ):
-    monkeypatch.setattr(sidebar_answers, "LOOK", 0.0)
     settings = small(scene)
     save(tmp_path / "people.blend")
     path = plan(scene)

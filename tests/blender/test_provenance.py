@@ -6,7 +6,7 @@ import operator
 
 import bpy
 import pytest
-from crowd_lod_extension.operators.blender import provenance, sidebar_answers
+from crowd_lod_extension.operators.blender import provenance
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.lods import level_objects
 from crowd_lod_extension.operators.scene.characters import character_provenance
@@ -15,10 +15,7 @@ from crowd_lod_extension.operators.scene.characters.character_provenance import 
 from ..support.freshness import changed_since_build, changed_since_make
 from ..support.scene_frames import frame_now
 
-
-@pytest.fixture(autouse=True)
-def at_once(monkeypatch):
-    monkeypatch.setattr(sidebar_answers, "LOOK", 0.0)
+pytestmark = pytest.mark.usefixtures("at_once")
 
 
 def level(scene, k, group="adult"):

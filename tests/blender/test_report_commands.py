@@ -7,11 +7,8 @@ from itertools import groupby
 import pytest
 from crowd_lod_extension.crowd_lod.validation import stiff_cases
 from crowd_lod_extension.crowd_lod.validation.extreme_cases import cases
-from crowd_lod_extension.operators.cli import commands
 
-
-def run(*words):
-    return commands.run_command([str(word) for word in words], "crowd-lod")
+from ..support.commands import run
 
 
 @pytest.mark.once

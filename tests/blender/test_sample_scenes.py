@@ -99,6 +99,7 @@ def frames_of(scene):
         )
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("name", sample_scenes.NAMES)
 def test_two_makes_give_the_same_scene(name):
     first = make_scene(name)
@@ -108,6 +109,7 @@ def test_two_makes_give_the_same_scene(name):
     assert digest(first) != digest(second)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("name", ["chapter", "plaza"])
 def test_everything_is_set(name):
     scene = make_scene(name)
@@ -126,6 +128,7 @@ def test_everything_is_set(name):
     assert shown and not shown & {item.name for item in settings.characters.all_objects}
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("name", ["chapter", "plaza"])
 def test_every_lod_is_populated(name):
     counts = np.array([frame.buckets.counts for frame in frames_of(make_scene(name))])

@@ -9,6 +9,7 @@ from crowd_lod_extension.crowd_lod.shot import plan_file
 from crowd_lod_extension.operators.cli import commands, shared_runs
 from crowd_lod_extension.operators.deliver.preview import preview
 
+from ..support.commands import run
 from ..support.outputs import contents
 
 pytestmark = pytest.mark.once  # long, and the same on every Blender
@@ -17,10 +18,6 @@ pytestmark = pytest.mark.once  # long, and the same on every Blender
 PREVIEW = ("preview", "--frames", "1,9,20", "--width", "96", "--engine", "cycles", "--quiet")
 FINER = -1  # verify finds other colors in LODs of coarser characters
 VERIFY = ("verify", "--frames", "1,9", "--width", "48", "--samples", "1", "--quiet")
-
-
-def run(*words):
-    return commands.run_command([str(word) for word in words], "crowd-lod")
 
 
 def saved(scene, folder):

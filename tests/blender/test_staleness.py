@@ -4,14 +4,11 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
-from crowd_lod_extension.operators.blender import image_data, sidebar_answers
+from crowd_lod_extension.operators.blender import image_data
 
 from ..support.freshness import changed_since_build
 
-
-@pytest.fixture(autouse=True)
-def at_once(monkeypatch):
-    monkeypatch.setattr(sidebar_answers, "LOOK", 0.0)
+pytestmark = pytest.mark.usefixtures("at_once")
 
 
 def paint(scene):

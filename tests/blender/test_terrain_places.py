@@ -8,7 +8,7 @@ from math import radians
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.operators.blender import image_data, sidebar_answers
+from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.operators.scene import scene_crowd
 from crowd_lod_extension.operators.scene.machine import kept_meshes
 from crowd_lod_extension.operators.scene.machine.scene_world import machine_of
@@ -18,15 +18,12 @@ from mathutils.bvhtree import BVHTree
 from ..support.freshness import changed_since_populate
 from ..support.messages import told
 
+pytestmark = pytest.mark.usefixtures("at_once")
+
 SIT = (
     '{"version": 1, "labels": {"ground": {"color": "#808080"}}, "states": {"sit": {"color": '
     '"#ff0000", "on": {"*": {}}}}}'
 )
-
-
-@pytest.fixture(autouse=True)
-def at_once(monkeypatch):
-    monkeypatch.setattr(sidebar_answers, "LOOK", 0.0)
 
 
 def add(scene, name, points, faces=(), edges=()):

@@ -11,20 +11,17 @@ import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.validation.render_proof import to_text
 from crowd_lod_extension.operators.blender import image_data
-from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.deliver.proof.verify import verify
 from crowd_lod_extension.operators.deliver.proof.verify_stage import PAIRS, Verify
 from crowd_lod_extension.sample_scenes.scenery import add, material, tile
+
+from ..support.commands import run
 
 pytestmark = pytest.mark.once  # long, and the same on every Blender
 FINER = -1  # LODs of coarser characters have other colors
 
 FAST = """{"version": 1, "labels": {"ground": {"color": "#808080"}},
  "states": {"east": {"on": {"*": {"move": [30, 0]}}}}, "edge": "wrap"}"""
-
-
-def run(*words):
-    return commands.run_command([str(word) for word in words], "crowd-lod")
 
 
 @pytest.fixture

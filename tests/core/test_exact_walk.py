@@ -17,6 +17,8 @@ from ..support.convergence import measure_convergence
 from ..support.crowds import crowd_at
 from ..support.machines import TO_AND_FRO, machine_of, random_machine, random_world
 
+pytestmark = pytest.mark.once
+
 
 def sentence_of(found):
     (line,) = lines_of([found.message], str)
@@ -66,7 +68,6 @@ def late_turn():
     return populate(500, 1, 1, machine, world), machine, world
 
 
-@pytest.mark.once
 @pytest.mark.parametrize("method", [step, step_by_listing])
 def test_stepping_converges_with_order_one(method):
     found = against_the_judge(*late_turn(), 20.0, (32, 64, 128, 256, 512, 1024), method)
@@ -79,7 +80,6 @@ def test_stepping_converges_with_order_one(method):
     assert found.dt == pytest.approx(20 / 2.0 ** np.arange(5, 11))
 
 
-@pytest.mark.once
 def test_steps_are_exact_where_rules_move_as_the_state_they_lead_to():
     machine = load_preset("chapter")
     world = edge_map(Area(0, 0, 16, 4), machine.labels, 16)
@@ -165,7 +165,6 @@ def test_a_table_that_turns_at_each_read_has_no_limit_and_convergence_says_so():
     assert (found.apart > 0.2).all()
 
 
-@pytest.mark.once
 def test_on_the_plaza_s_large_map_nobody_misses_a_border():
     machine = load_preset("plaza")
     world = plaza_map.plan(machine)

@@ -14,7 +14,7 @@ from crowd_lod_extension.crowd_lod.levels.assignment import (
     pushed,
     threshold_distances,
 )
-from crowd_lod_extension.crowd_lod.sorting.buckets import sort
+from crowd_lod_extension.crowd_lod.sorting.buckets import count_groups, sort
 from crowd_lod_extension.crowd_lod.world.maps import Area
 from hypothesis import given
 
@@ -65,6 +65,21 @@ def test_buckets_are_contiguous_complete_and_in_agent_order(count):
     for level in range(5):
         brute = [i for i in range(count) if visible[i] and ids[i] == level]
         assert buckets[level].tolist() == brute
+
+
+def test_lods_some_agents_and_groups_of_buckets_are_those_of_looking_at_each():
+    random = np.random.default_rng(7)
+    visible, some = random.random((2, 500)) < 0.4
+    ids = random.integers(4, size=500).astype(np.uint8)
+    group = np.sort(random.integers(3, size=500)).astype(np.uint8)
+    buckets = sort(visible, ids, 4)
+    assert buckets.levels.tolist() == ids[buckets.order].tolist()
+    among = buckets.among(some)
+    for level in range(4):
+        assert among[level].tolist() == [agent for agent in buckets[level] if some[agent]]
+        counts = count_groups(group, buckets[level], 3).tolist()
+        assert counts == [(group[buckets[level]] == g).sum() for g in range(3)]
+        assert count_groups(np.zeros_like(group), buckets[level], 1) == sum(counts)
 
 
 def test_groups_may_have_thresholds_of_their_own():

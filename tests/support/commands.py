@@ -1,0 +1,8 @@
+"""Commands, run in the Blender of the tests."""
+
+from crowd_lod_extension.operators.cli import commands
+
+
+def run(*words) -> int:
+    """Run a command; return its exit code."""
+    return commands.run_command([str(word) for word in words], "crowd-lod")
