@@ -70,8 +70,10 @@ PLAIN = {
 MOST_GOALS = 100  # whose measurements are kept
 LEAST_TRIANGLES = 300  # a character of fewer needs no LOD, and is not worth a search
 FOLLOWING = 0.5  # by distance, the LOD after a given one has at most this part of its triangles
+# times its length that a LOD may deviate between the poses: it begins a little farther away then
+BEYOND = 1.15
 DIGITS = 12  # of a hash: as many as a goal can hold
-VERSION = 33  # of the code that makes LOD meshes: with another one they are made anew
+VERSION = 34  # of the code that makes LOD meshes: with another one they are made anew
 
 
 def _untouched(home: bpy.types.Collection) -> bool:
@@ -402,7 +404,7 @@ class Ladder:
     def look_between(self, goals: Sequence[float]) -> Generator[float, None, bool]:
         """Look at LODs that were made anew in frames between the poses, unless that is done.
 
-        Yields the progress. Returns whether that has raised a bound. A LOD that is beyond its
+        Yields the progress. Returns whether that has raised a bound. A LOD that is far beyond its
         length there is sought anew, once: the frame is one of the poses from now on.
         """
         rows = self.measured.rows
@@ -411,7 +413,7 @@ class Ladder:
         before = [rows[goal][2:6] for goal in new]
         deviations = yield from self.judge.look_between(levels, before)
         for goal, row, deviation in zip(new, before, deviations, strict=True):
-            if row[1] <= goal < deviation[1] and goal not in self.again:
+            if row[1] <= goal < deviation[1] / BEYOND and goal not in self.again:
                 self.again.add(goal)
                 self._forget(goal)
             else:

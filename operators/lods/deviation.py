@@ -25,6 +25,7 @@ from .surface import merge
 from .unseen_frames import Looked, Watched, look_at, moments_beside, moments_between, watch
 
 SOLID = ("MESH", "CURVE", "SURFACE", "META", "FONT")  # types of objects that have faces
+SEEN_AT = 12  # moments between the poses, at most, in which what is visible is looked for
 LOOKED = 0.25  # what looking at a LOD in further frames costs, as a part of measuring it
 BELOW = 5e-5  # of the size: no frame exceeds a bound by less
 
@@ -101,7 +102,10 @@ class Measure:
                 f"modifiers."
             )
         self.diagonal = max(diagonals)
-        self.character = yield from work.take(run_in_thread(lambda: PosedSurface(shapes)), 2)
+        between = moments_between(self.performance, SEEN_AT)
+        others = yield from work.take(read_shapes(self.objects, between, self.performance), 1)
+        surfacing = run_in_thread(lambda: PosedSurface(shapes, between=others))
+        self.character = yield from work.take(surfacing, 1)
         yield from work.take(run_in_thread(lambda: self.character.visible), 5)
 
     def visible(self, number: int) -> np.ndarray:

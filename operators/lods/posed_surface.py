@@ -38,12 +38,19 @@ class PosedSurface:
     runs: lists of poses in which its faces are the same. The first of each is the pose least unlike
     the others; quads are cut as in that.
     source: the character, if this is a LOD.
+    between: further poses, in which it is looked for what is visible.
     """
 
-    def __init__(self, shapes: Sequence[PosedMesh], source: "PosedSurface | None" = None):
+    def __init__(
+        self,
+        shapes: Sequence[PosedMesh],
+        source: "PosedSurface | None" = None,
+        between: Sequence[PosedMesh] = (),
+    ):
         self.shapes = shapes
         self.runs = []
         self.source = source
+        self.between = between
         self._surfaces: dict[tuple[int, ...], Merged | None] = {}
         self._samples: dict[int, thin_parts.Samples] = {}
         for k, shape in enumerate(shapes):
@@ -75,7 +82,10 @@ class PosedSurface:
         first = self.shapes[run[0]]
         if self.source is not None:
             return self.source.counts_nearest(run[0], first.points)
-        whole = merge([self.shapes[k].points for k in run], first.triangles)
+        poses = [self.shapes[k] for k in run] + [
+            shape for shape in self.between if same_faces(first.triangles, shape.triangles)
+        ]
+        whole = merge([shape.points for shape in poses], first.triangles)
         if whole is None:
             return np.ones(len(first.points), bool)
         moving = whole.moving

@@ -93,8 +93,6 @@ def watch(merged: Merged, other: Merged) -> Watched:
     cell = np.floor(CELLS * (at - at.min(axis=0)) / size).astype(np.intp) @ (1, 100, 10_000)
     most = upper_distances(surface, other.moving, places)
     likely = _worst_of(cell, most, LIKELY)
-    likely = likely[most[likely] >= QUIET * most.max(initial=0)]
-
     places = places.of(likely)
     cell = cell[likely]
     at = places.at(surface.points)
@@ -107,6 +105,7 @@ def watch(merged: Merged, other: Merged) -> Watched:
         distance = np.maximum(distance, np.linalg.norm(at[:, pose] - image, axis=1))
         nearest.append(to)
     worst = _worst_of(cell, distance, WORST)
+    worst = worst[distance[worst] >= QUIET * distance.max(initial=0)]
     pairs = np.unique(
         [np.tile(np.arange(len(worst)), len(nearest)), np.stack(nearest)[:, worst].ravel()], axis=1
     )
@@ -126,11 +125,11 @@ def _worst_of(cell: np.ndarray, distance: np.ndarray, count: int) -> np.ndarray:
     return order[rank < count]
 
 
-def moments_between(performance: Performance) -> list[float]:
-    """Return moments of all actions, evenly, up to EACH a frame and MOMENTS in all."""
+def moments_between(performance: Performance, most: int = MOMENTS) -> list[float]:
+    """Return moments of all actions, evenly, up to EACH a frame and `most` in all."""
     lengths = np.array([end - begin for begin, end in performance.spans])
     counts = (
-        np.minimum(EACH * lengths, MOMENTS * lengths / max(lengths.sum(), 1e-9)).round().astype(int)
+        np.minimum(EACH * lengths, most * lengths / max(lengths.sum(), 1e-9)).round().astype(int)
     )
     spans = zip(performance.spans, counts, strict=True)
     return [begin + (end - begin) * (k + 0.5) / n for (begin, end), n in spans for k in range(n)]

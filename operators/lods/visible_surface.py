@@ -8,10 +8,9 @@ from mathutils.bvhtree import BVHTree
 from ...crowd_lod.simplification.triangle_mesh import ranges
 
 DIRECTIONS = 50
-POSES_SEEN = 6  # poses that are looked at, at most
 # directions nearest to its normal that every point tries: in the first pose, and in each other one
 FIRST = 4
-FURTHER = 2
+FURTHER = 1
 ONE_IN = 8  # of so many hidden points, far from seen ones, one tries all directions
 OFF = 2e-4  # part of the size: how far off the surface a ray begins
 SPACING = 1 / 32  # part of the size: triangles with longer sides have points within
@@ -21,7 +20,7 @@ def visible_points(points: np.ndarray, triangles: np.ndarray, hiding: np.ndarray
     """Return which points someone may see, (n,) bool: the corners of triangles that are seen.
 
     A triangle is seen if a ray from one of its points leaves the character, in one of DIRECTIONS
-    in one of up to POSES_SEEN poses. Callers count all triangles of these points: their neighbors
+    in one of the poses. Callers count all triangles of these points: their neighbors
     are a margin for gaps that open between those poses.
 
     points: (n, k, 3) meters in k poses, those at the same place merged.
@@ -43,6 +42,10 @@ def visible_points(points: np.ndarray, triangles: np.ndarray, hiding: np.ndarray
         inner = len(corner) + np.flatnonzero(~is_seen[triangles[face[len(corner) :]]].all(axis=1))
         large = face[inner[rays.leave(face[inner], weights[inner], ranks)]]
         is_seen[triangles[large]] = True
+    # corners of what is set into a body are hidden, its middle is not
+    inner = np.flatnonzero(~is_seen[triangles].any(axis=1))
+    leaves = rays.leave(inner, np.full((len(inner), 3), 1 / 3), rays.nearest)
+    is_seen[triangles[inner[leaves]]] = True
     due = np.zeros(len(points), bool)
     due[corner[::ONE_IN]] = True
     while True:
@@ -91,12 +94,11 @@ class _Rays:
     def __init__(self, points: np.ndarray, triangles: np.ndarray, hiding: np.ndarray, off: float):
         self.triangles = triangles
         self.off = off
-        poses = np.unique(np.linspace(0, points.shape[1] - 1, POSES_SEEN).round().astype(int))
         middles = (points.min(axis=0) + points.max(axis=0)) / 2  # trees have float32 alone
-        self.at = [points[:, pose] - middles[pose] for pose in poses]
+        self.at = list((points - middles).transpose(1, 0, 2))
         faces = triangles[hiding].tolist()
         self.trees = [BVHTree.FromPolygons(at.tolist(), faces) for at in self.at]
-        further = len(poses) - 1
+        further = len(self.at) - 1
         shared = [range(FURTHER + k, DIRECTIONS // 2, further) for k in range(further)]
         self.nearest = [range(FIRST), *[range(FURTHER)] * further]
         self.others = [range(FIRST, DIRECTIONS), *shared]

@@ -199,8 +199,13 @@ def test_the_pose_that_only_seems_second_worst_is_measured_as_well():
     assert found.worst == (12,) and found.deviations[0] == pytest.approx(0.12, rel=1e-3)
 
 
-def test_a_lod_is_looked_at_between_the_frames_of_the_poses_too():
-    """The LOD is 0.01 m off; a patch of the character moves by 0.1 m between frames 5 and 6."""
+@pytest.mark.parametrize("flies", [False, True])
+def test_a_lod_is_looked_at_between_the_frames_of_the_poses_too(flies):
+    """The LOD is 0.01 m off; a patch of the character moves by 0.1 m between frames 5 and 6.
+
+    A ball cuts the character's surface, and in one frame it flies away from that: a map of its
+    points to what is nearest to them at rest then says that they are meters off.
+    """
     character, lod = sphere(16, 32), sphere(16, 32, radius=0.99)
     character.shape_key_add(name="Basis")
     patch = character.shape_key_add(name="patch")
@@ -208,7 +213,14 @@ def test_a_lod_is_looked_at_between_the_frames_of_the_poses_too():
         point.co *= 1.1 if point.co.z > 0.8 else 1
     for frame, patch.value in ((1, 0.0), (5, 0.0), (5.5, 1.0), (6, 0.0), (9, 0.0)):
         patch.keyframe_insert("value", frame=frame)
-    found = finished(deviation.measure(GROUP, [character], [[lod]]))
+    balls = [sphere(16, 32, radius=radius) for radius in (0.3, 0.297)]
+    for ball in balls:
+        ball.location.x = 1
+        for frame, ball.location.y in ((1, 0), (7, 0), (8, 5), (9, 0)):
+            ball.keyframe_insert("location", frame=frame)
+    both = [character, balls[0]], [lod, balls[1]]
+    objects, level = both if flies else ([character], [lod])
+    found = finished(deviation.measure(GROUP, objects, [level]))
     assert found.deviations[0] == pytest.approx(0.11, rel=0.02) and found.worst == (5.5,)
 
 

@@ -9,6 +9,7 @@ from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.lods import deviation
 from crowd_lod_extension.operators.lods.posed_shapes import Posed
 from crowd_lod_extension.operators.lods.posed_surface import PosedSurface, compare_surfaces
+from crowd_lod_extension.operators.lods.visible_surface import visible_points
 
 pytestmark = pytest.mark.once
 GROUP = Group("one", 0, 1, 0, 1)
@@ -110,6 +111,21 @@ def sleeve():
     body.to_mesh(item.data)
     body.free()
     return item
+
+
+def test_a_small_triangle_counts_whose_corners_are_hidden_but_not_its_middle():
+    """Each corner lies within a tetrahedron; a face far away makes the triangle a small one."""
+    corners = np.array([(0, 0, 0), (0.1, 0, 0), (0, 0.1, 0), (5, 0, 0), (5, 1, 0), (5, 0, 1.0)])
+    bead = 0.05 * np.array([(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)]) / 3
+    beads = (corners[:3, None] + bead).reshape(-1, 3)
+    faces = np.array([(0, 1, 2), (0, 3, 1), (0, 2, 3), (1, 3, 2)])
+    triangles = np.concatenate([[(0, 1, 2), (3, 4, 5)], *(6 + 4 * k + faces for k in range(3))])
+    points = np.concatenate([corners, beads])[:, None]
+    assert visible_points(points, triangles, np.ones(len(triangles), bool)).all()
+    covered = np.concatenate([triangles, 6 + 12 + faces])  # within a larger one nobody sees it
+    around = np.concatenate([points[:, 0], corners[:3].mean(axis=0) + 20 * bead])[:, None]
+    seen = visible_points(around, covered, np.ones(len(covered), bool))
+    assert not seen[:3].any() and seen[3:6].all() and seen[-4:].all()
 
 
 def test_a_body_counts_where_its_shirt_ends():
