@@ -86,13 +86,13 @@ def _off_color(several: Sequence[Message], _: str) -> str:
 def _chatters(several: Sequence[Message], _: str) -> str:
     return _caught(
         several[0],
-        "agent changes state endlessly and stays in place",
-        "agents change state endlessly and stay in place",
+        "agent switches states endlessly in place",
+        "agents switch states endlessly in place",
     )
 
 
 def _stuck(several: Sequence[Message], _: str) -> str:
-    return _caught(several[0], "agent stands for good", "agents stand for good")
+    return _caught(several[0], "agent is stuck", "agents are stuck")
 
 
 def _caught(message: Message, singular: str, plural: str) -> str:
@@ -101,14 +101,15 @@ def _caught(message: Message, singular: str, plural: str) -> str:
     where = f"most of them ({facts['there']}) at" if facts["cells"] > 1 else "at"
     place = f"x {facts['x']:.2f} m, y {facts['y']:.2f} m"
     cell = f"map column {facts['column']}, row {facts['row']} from the bottom"
-    return f"{agents}, {where} {place} ({cell})."
+    remedy = "repaint the map there, or give the state another rule for that label"
+    return f"{agents}, {where} {place} ({cell}): {remedy}."
 
 
 def _checked_in_part(several: Sequence[Message], _: str) -> str:
     facts = several[0].facts
     return (
         f"Only the first {facts['checked']:,} of {facts['agents']:,} agents were checked for "
-        f"chattering or being stuck, {facts['seconds']:.3g} s ahead."
+        f"being stuck, {facts['seconds']:.3g} s ahead."
     )
 
 
@@ -122,12 +123,15 @@ def _beside_offset(several: Sequence[Message], _: str) -> str:
 
 
 def _raised(several: Sequence[Message], _: str) -> str:
-    return f"Raised so that their feet touch the ground: {_each(several, '{subject} by {rise} m')}."
+    whose = "its" if len(several) == 1 else "their"
+    return (
+        f"Raised {_each(several, '{subject} by {rise} m')} so that {whose} feet touch the ground."
+    )
 
 
 def _off_its_soles(several: Sequence[Message], _: str) -> str:
-    rises = _each(several, "{subject} by {rise} m")
-    return f"To touch the ground (see Stand on Ground), raise: {rises}."
+    rises = _each(several, "{subject}: raise by {rise} m")
+    return f"Feet do not touch the ground ({rises}): tick Stand on Ground, or move the character."
 
 
 def _unknown_extent(several: Sequence[Message], _: str) -> str:
@@ -171,8 +175,8 @@ def _by_time(several: Sequence[Message], _: str) -> str:
 
 def _without_faces(several: Sequence[Message], _: str) -> str:
     return (
-        f"Left out of the crowd, which shows faces and hair: {_each(several, '{subject} ({what})')}"
-        f". Convert to meshes what is needed."
+        f"Not included: {_each(several, '{subject} ({what})')}. Crowds show faces and hair: "
+        f"convert the rest to meshes if needed."
     )
 
 
@@ -334,7 +338,7 @@ def _off_the_ground(several: Sequence[Message], _: str) -> str:
 def _obstacle(several: Sequence[Message], button: str) -> str:
     return (
         f"{counted(len(several), 'object stands', 'objects stand')} in the crowd's way "
-        f"({_subjects(several)}): press {button} to lead agents round."
+        f"({_subjects(several)}): press {button} to lead agents around."
     )
 
 
@@ -343,7 +347,7 @@ def _within_walls(several: Sequence[Message], _: str) -> str:
     remedy = (
         "move it, or set Center so that they fit the scene"
         if facts["from_file"]
-        else "add it to Areas, with a label where nobody starts"
+        else "add it to Walls and Areas, with a label where agents may not start"
     )
     walls = listed(facts["walls"])
     return f"{facts['share']:.1%} of the agents stand within {walls}: {remedy}."
@@ -355,7 +359,8 @@ def _no_terrain(several: Sequence[Message], _: str) -> str:
     has, them, stand = ("has", "it", "stands") if over == 1 else ("have", "them", "stand")
     return (
         f"{over:,} of {facts['agents']:,} agents {has} no ground of the terrain {facts['terrain']} "
-        f"under {them}, and {stand} at the crowd's height, {number(facts['height'])} m."
+        f"under {them}, and {stand} at the crowd's height, {number(facts['height'])} m: enlarge "
+        "the terrain, or move Center."
     )
 
 
@@ -386,10 +391,10 @@ def _places_outside(several: Sequence[Message], _: str) -> str:
 def _places_on_labels(several: Sequence[Message], _: str) -> str:
     facts = several[0].facts
     place, remedy = (
-        ("where the label map lets nobody start", "paint a label there that does")
+        ("where the label map does not let agents start", "paint a label there that does")
         if facts["map"]
         else (
-            "on the edges of the crowd's area, where nobody starts",
+            "on the edges of the crowd's area, where agents do not start",
             "move Center, or change Size",
         )
     )

@@ -41,7 +41,7 @@ REASONS = {
     Reason.LEFT_OUT: "finer LODs left out for memory",
     Reason.SHOT_PLAN: "shot plan",
     Reason.OVERRIDE: "override",
-    Reason.BEHIND_SCENERY: "hidden by scenery",
+    Reason.BEHIND_SCENERY: "occluded",
     Reason.ABSENT: "not there at this time",
 }
 

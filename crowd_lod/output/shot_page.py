@@ -98,7 +98,7 @@ def plots_of(report: ShotReport) -> list[str]:
     counts = [survey.count(kind) for kind in (SEEN, SHADOW, MIRRORED)]
     counts += [survey.hidden, survey.count(CULLED) - survey.hidden]
     kinds = [count / max(len(survey.group), 1) * 100 for count in counts]
-    names = ("seen", "shadow or sky only", "mirror image only", "hidden by scenery", "culled")
+    names = ("seen", "shadow or sky only", "mirror image only", "occluded", "culled")
     shares = [
         svg.Series(*row)
         for row in zip(

@@ -123,7 +123,7 @@ def figures_of(report: ShotReport) -> list[tuple[str, str]]:
     costs = report.shot.costs
     return [
         (f"{triangles:.1%}", "of full detail's triangles"),
-        (f"{seconds:.0%}", f"of its time in {NAMES[costs.engine]}, by costs of {costs.basis}"),
+        (f"{seconds:.0%}", f"of its time in {NAMES[costs.engine]}, estimated for {costs.basis}"),
         (f"{memory:.0%}", "of its memory"),
         (
             f"{int(bill.switches.sum()):,}",

@@ -86,8 +86,8 @@ def _mixed(group: str, name: str, mixed: tuple[PlayedAction, PlayedAction, float
     if first.player != second.player:
         raise CrowdError(
             f"The actions {first.action.name} and {second.action.name} move two objects of "
-            f"{group}, {first.player.name} and {second.player.name}: no state can fade from one "
-            f"to the other; set its fade to 0."
+            f"{group}, {first.player.name} and {second.player.name}: set the fade between their "
+            "states to 0."
         )
     longer = max(first, second, key=lambda part: part.last - part.first)
     return PlayedAction(name, longer.first, longer.last, player=first.player, mixed=mixed)

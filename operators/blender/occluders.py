@@ -113,7 +113,7 @@ def read_occluders(
 def _sentence(reason: str, names: list[str]) -> str:
     names = list(dict.fromkeys(names))
     more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
-    return f"Scenery that hides nobody, for {reason}: {', '.join(names[:NAMED])}{more}."
+    return f"Excluded from occlusion culling, because {reason}: {', '.join(names[:NAMED])}{more}."
 
 
 def _reason_against(

@@ -240,7 +240,7 @@ class Stepwise(Reporting):
 
 
 class CROWDLOD_OT_look(bpy.types.Operator):
-    """Let through what only looks in another window, while a step is at work"""
+    """Allow view navigation in another window while a step is at work"""
 
     bl_idname = "crowd_lod.look"
     bl_label = "Look Around"

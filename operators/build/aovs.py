@@ -36,8 +36,8 @@ def add_aovs(scene: bpy.types.Scene) -> str:
                 )
     if not any(shelf.all_objects for shelf in shelves_of(scene.crowd_lod.build).values()):
         raise CrowdError(
-            "The build shows nobody: bake frames in which the camera sees agents, then press Add "
-            "AOVs again."
+            "The build shows no agents: bake frames in which the camera sees some, then press "
+            "Add AOVs again."
         )
     materials = list(materials_of(scene))
     closed = [material for material in materials if not _is_open(material)]

@@ -4,7 +4,6 @@ from collections.abc import Callable, Generator, Sequence
 
 import bpy
 
-from ...crowd_lod.format import counted
 from ...crowd_lod.frame.frame import Frame
 from ...crowd_lod.frame.frame_range import shot_frames
 from ...crowd_lod.frame.index_cache import approach
@@ -109,8 +108,7 @@ def build_live(scene: bpy.types.Scene) -> Generator[float, None, str]:
     check_blur(scene)
     built, crowd, frame = yield from prepared(scene, build)
     sentences = (
-        f"{len(frame.without_worn(frame.buckets).order):,} of {frame.people:,} agents stand in the "
-        "scene.",
+        f"Built {len(frame.without_worn(frame.buckets).order):,} of {frame.people:,} agents.",
         frame.unplanned,
         notes_on_built(crowd, built),
         notes_on_characters(scene),
@@ -124,7 +122,7 @@ def bake_frames(scene: bpy.types.Scene) -> Generator[float, None, str]:
     frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
     built, crowd, _ = yield from prepared(scene, lambda _: bake(scene, frames), frames)
     sentences = (
-        f"{counted(len(frames), 'frame is', 'frames are')} baked: {shot_frames(frames)}.",
+        f"Baked {shot_frames(frames)}.",
         plan_verdict(scene.crowd_lod, built.unplanned),
         notes_on_built(crowd, built),
         notes_on_characters(scene),
@@ -186,7 +184,7 @@ class CROWDLOD_OT_remove_build(Reporting, bpy.types.Operator):
 
     def run(self, context) -> str:
         remove_build(context.scene.crowd_lod)
-        return "The build is removed."
+        return "Removed the build."
 
 
 CLASSES = (CROWDLOD_OT_estimate, CROWDLOD_OT_build, CROWDLOD_OT_bake, CROWDLOD_OT_remove_build)

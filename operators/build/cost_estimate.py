@@ -121,7 +121,7 @@ class CostEstimate:
         )
         return (
             f"The crowd in {NAMES[self.costs.engine]}, {shot_frames(self.frames)}: {costs}. "
-            f"Time is by costs of {self.costs.basis}.{self._seen}{self._gain}"
+            f"Time is estimated for {self.costs.basis}.{self._seen}{self._gain}"
         )
 
     @property
@@ -130,16 +130,16 @@ class CostEstimate:
         if self.costs.engine not in SEEN:
             return ""
         memory, time = (f"{low:g} to {high:g}" for low, high in SEEN[self.costs.engine])
-        return f" Renders were measured to take {memory} times such memory, {time} times such time."
+        return f" Measured renders took {memory} times this memory and {time} times this time."
 
     @property
     def _gain(self) -> str:
         """A sentence on what Occlusion Culling gains, or ""."""
         if self.hidden is None:
             return ""
-        gain = f" Scenery hides {self.hidden:.0%} of the agents in the picture"
+        gain = f" Occlusion culling hides {self.hidden:.0%} of the agents in the picture"
         if self.hidden < LEAST_HIDDEN:
-            gain += ", which gains next to nothing: switch off Occlusion Culling."
+            gain += ", which gains next to nothing: switch it off."
             return " ".join([gain, *self.refused])
         if self.costs.engine == "CYCLES" and self.hidden_agents < LEAST_IN_CYCLES:
             return (

@@ -173,10 +173,8 @@ def _told_of_hiding(scene: bpy.types.Scene) -> str:
     characters = scene.crowd_lod.characters
     if HIDDEN in scene.crowd_lod.build:
         lamps = [item.name for item in characters.all_objects if item.type == "LIGHT"]
-        return (
-            f"The characters in {characters.name} are hidden from "
-            f"renders{', with ' + ' and '.join(lamps) if lamps else ''}."
-        )
+        with_lamps = f", with {' and '.join(lamps)}" if lamps else ""
+        return f"Source characters are hidden in renders{with_lamps}."
     if scene.crowd_lod.render_source_characters or not shows_characters(scene):
         return ""
-    return f"The characters in {characters.name} stay in renders: {_shown_for(scene)}."
+    return f"Source characters stay in renders: {_shown_for(scene)}."

@@ -50,20 +50,20 @@ class MadeLods:
 
     @property
     def sentence(self) -> str:
-        parts = [f"LOD meshes made: {', '.join(self.new) or 'none'}."]
+        parts = [f"Made LOD meshes of {', '.join(self.new)}."] if self.new else []
         if self.unchanged:
             parts.append(
-                f"Kept, because nothing that they depend on changed: {', '.join(self.unchanged)}."
+                f"Kept the LOD meshes of {', '.join(self.unchanged)}: nothing that they depend on "
+                "changed."
             )
         if self.edited:
             parts.append(
-                f"Made again, because they were edited or deleted by hand: "
-                f"{', '.join(self.edited)}."
+                f"Replaced meshes that were edited or deleted by hand: {', '.join(self.edited)}."
             )
         if self.budget_tolerance:
             parts.append(
-                f"To hold the budget, Plan Shot will let LODs deviate by up to about "
-                f"{number(self.budget_tolerance)} pixels."
+                f"To fit the budget, Plan Shot will need a tolerance of about "
+                f"{number(self.budget_tolerance)} px."
             )
         return " ".join(parts)
 

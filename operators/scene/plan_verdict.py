@@ -57,4 +57,4 @@ def plan_verdict(settings, unplanned: str = "") -> str:
         return unplanned
     if settings.shot_plan and settings.use_shot_plan:
         return verdict_in_words(settings)
-    return "No verdict without a shot plan: LODs follow from distances."
+    return "No shot plan: LODs follow from distances, without a verdict."

@@ -21,6 +21,7 @@ from ..blender import scene_data
 from .characters.character_extent import unknown
 from .characters.rig_needs import POSES, Characters, refusal
 from .obstacles import find_obstacles, look_around, no_scenery
+from .sources.spawn_source import ON_OBJECT
 
 # times the largest sphere's radius, where a sphere is not known to hold its whole character
 MARGIN = 1.5
@@ -136,6 +137,8 @@ def _around(
     obstacles = find_obstacles(crowd, depsgraph, part, places, around.names)
     if not isinstance(part.heights, Terrain):
         above = np.where(within, np.nan, places[:, 2] - around.ground)
+        if crowd.spawn_on in ON_OBJECT:  # a seat is above the feet of those who sit on it
+            above[(above < 0) & (above > -height)] = np.nan
         for off in judge.check_ground(above * meters):
             names = Counter(around.names[index] for index in off.indices)
             facts = {

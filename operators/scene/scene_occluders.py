@@ -15,18 +15,15 @@ from ..blender.provenance import character_digest, text_digest
 from ..blender.scenery import Scenery
 
 STAGE = "occlusion"
-UNSHADOWED = LeftOut(
-    STAGE, "Occlusion Culling needs Shadows and Reflections: scenery hides nobody."
-)
+UNSHADOWED = LeftOut(STAGE, "Occlusion Culling is off: it needs Shadows and Reflections.")
 UNMAPPED = LeftOut(
     STAGE,
-    "Depth of field sees past what is before, and panoramas have no flat picture: scenery hides "
-    "nobody from such cameras.",
+    "Occlusion Culling is off for cameras with depth of field, and for panoramas.",
 )
 SEE_THROUGH = LeftOut(
     STAGE,
-    "Workbench shows X-ray, shadows, textures, lines, one side of faces alone or characters that "
-    "are In Front: scenery hides nobody.",
+    "Occlusion Culling is off in Workbench with X-ray, shadows, textures, outlines, backface "
+    "culling, or characters In Front.",
 )
 NO_OCCLUDERS = LeftOut(STAGE, "The scene has no opaque meshes that may hide agents.")
 

@@ -67,7 +67,7 @@ def chosen_overrides(crowd: SceneCrowd, frames: Sequence[int]) -> tuple[LodOverr
             )
             if begin is not None and not len(agents):
                 raise CrowdError(
-                    f"The override {entry.name} chooses nobody: no agent stands in its region "
+                    f"The override {entry.name} selects no agents: none stand in its region "
                     f"{entry.region.name} at frame {begin}; move it, or switch the override off."
                 )
             overrides[index] = LodOverride(

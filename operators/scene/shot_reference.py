@@ -155,7 +155,8 @@ def _row(crowd: SceneCrowd, time: float, eyes: Sequence[Camera]) -> tuple[np.nda
         if f is None:
             return (
                 None,
-                f"The shot plan covers {shot_frames(stored.numbers)}: here thresholds hold.",
+                f"The shot plan covers {shot_frames(stored.numbers)}: elsewhere LODs follow from "
+                "distances.",
             )
         changed = differences(_followed(stored), plan_inputs(crowd))
         exact = abs(stored.times[f] - time) < 1e-6

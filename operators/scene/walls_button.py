@@ -22,7 +22,7 @@ from .scene_crowd import trajectory_of
 
 
 class CROWDLOD_OT_walls_from_selection(Reporting, bpy.types.Operator):
-    """Lead agents round the selected objects; with none selected, round all in their way"""
+    """Lead agents around the selected objects; with none selected, around all in their way"""
 
     bl_idname = "crowd_lod.walls_from_selection"
     bl_label = "Walls from Selection"
@@ -38,7 +38,8 @@ class CROWDLOD_OT_walls_from_selection(Reporting, bpy.types.Operator):
         sentences = [_lead_round(*wall, depsgraph) for wall in walls if wall[1]]
         if not sentences:
             raise CrowdError(
-                "Nothing stands in the agents' way: select the objects that they are to walk round."
+                "Nothing stands in the agents' way: select the objects that agents are to walk "
+                "around."
             )
         if not any(items for _, items in _in_the_way(scene, depsgraph, ())):
             told = from_json(scene.crowd_lod.trouble)

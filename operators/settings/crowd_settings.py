@@ -24,7 +24,7 @@ class CrowdLodArea(bpy.types.PropertyGroup):
         update=settings_changed("areas"),
         name="Use",
         default=True,
-        description="The label lies over the map",
+        description="Apply the area",
     )
     object: PointerProperty(
         update=settings_changed("areas"),
@@ -67,10 +67,12 @@ class CrowdLodGoal(bpy.types.PropertyGroup):
         default=1.0,
         min=0,
         soft_max=10,
-        description="How many draw this goal, against the shares of the others",
+        description="Share of the people who walk to this goal, relative to the other goals",
     )
     is_exit: BoolProperty(
-        name="Exit", default=True, description="People leave here; else they stay here"
+        name="Exit",
+        default=True,
+        description="People leave the scene at this goal instead of staying",
     )
 
 
@@ -78,7 +80,7 @@ CLASSES = (CrowdLodArea, CrowdLodGoal)
 
 
 class CharacterSettings:
-    """Who the agents are."""
+    """The characters of the crowds."""
 
     characters: PointerProperty(
         type=bpy.types.Collection,
@@ -87,12 +89,11 @@ class CharacterSettings:
     )
     render_source_characters: BoolProperty(
         name="Render Source Characters",
-        description="Build and Preview leave the characters themselves in the picture, where they "
-        "stand, besides the crowd",
+        description="Render the source characters where they stand, in addition to the crowd",
     )
     forward: EnumProperty(
         name="Forward",
-        description="The way the characters face where they stand",
+        description="Axis along which the characters face",
         items=[
             ("-Y", "-Y", "Blender's front"),
             ("Y", "+Y", "Blender's back"),
@@ -103,16 +104,18 @@ class CharacterSettings:
 
 
 class CrowdSettings:
-    """How many agents one crowd has, who moves them, and where."""
+    """How many agents a crowd has, what moves them, and where."""
 
     use_crowd: BoolProperty(
         name="Show",
         default=True,
-        description="The agents of this crowd are there; they keep their numbers if not",
+        description=(
+            "Include the agents of this crowd in the scene; without it they keep their numbers"
+        ),
     )
     source: EnumProperty(
         name="Source",
-        description="Who moves the agents of this crowd",
+        description="What moves the agents of this crowd",
         items=[
             ("MACHINE", "State Machine", "Agents walk by the state machine on the label map"),
             ("FILE", "File", "Trajectories that were recorded or simulated elsewhere"),
@@ -120,7 +123,7 @@ class CrowdSettings:
             (
                 "SIMULATION",
                 "Simulation",
-                "People who walk to goals, around walls and each other, simulated by JuPedSim",
+                "People walk to goals, around walls and each other, simulated by JuPedSim",
             ),
         ],
     )
@@ -128,7 +131,9 @@ class CrowdSettings:
         name="File",
         subtype="FILE_PATH",
         options={"PATH_SUPPORTS_BLEND_RELATIVE"},
-        description="Trajectories: a table of text (CSV, PedPy, PeTrack), NPZ, or JuPedSim's SQLite",
+        description=(
+            "Trajectories: a table of text (CSV, PedPy, PeTrack), NPZ, or JuPedSim's SQLite"
+        ),
     )
     tracks_columns: StringProperty(
         name="Columns",
@@ -209,8 +214,7 @@ class CrowdSettings:
     )
     density_group: StringProperty(
         name="Vertex Group",
-        description="Vertex group of the object whose weights give the density of agents; even if "
-        "empty",
+        description="Vertex group whose weights give the density of agents; uniform without one",
     )
     density_image: PointerProperty(
         type=bpy.types.Image,
@@ -220,15 +224,17 @@ class CrowdSettings:
     density_volumes: PointerProperty(
         type=bpy.types.Collection,
         name="Volumes",
-        description="Collection of objects: agents spawn within their boxes alone",
+        description="Collection of objects; agents spawn only inside their boxes",
     )
     spacing: FloatProperty(
         update=outdate,
         name="Spacing",
         min=0,
         unit="LENGTH",
-        description="Distance between neighbors, which then fixes how many agents there are; 0 to "
-        "place as many as Agents says",
+        description=(
+            "Distance between neighbors, which then sets the number of agents; 0 places as many "
+            "as Agents"
+        ),
     )
     rows: IntProperty(
         update=outdate,
@@ -258,8 +264,10 @@ class CrowdSettings:
     face: PointerProperty(
         type=bpy.types.Object,
         name="Face",
-        description="Object whose origin agents face where they spawn, such as a stage or an "
-        "empty; without one they face as their places do",
+        description=(
+            "Object that agents face where they spawn, such as a stage or an empty; if empty, the "
+            "direction of their places"
+        ),
     )
     spawn_places: PointerProperty(
         type=bpy.types.Mesh,
@@ -287,8 +295,10 @@ class BehaviorSettings:
     map_image: PointerProperty(
         type=bpy.types.Image,
         name="Label Map",
-        description="Label map over the ground: each pixel in the color of a label. None is open "
-        "ground between two edges",
+        description=(
+            "Label map over the ground: each pixel has the color of a label. Without one the "
+            "ground is open between two edges"
+        ),
     )
     areas: CollectionProperty(
         type=CrowdLodArea,
@@ -343,17 +353,20 @@ class BehaviorSettings:
         name="Start Frame",
         default=1,
         subtype="TIME",
-        description="Before it the crowd stands where it was populated",
+        description=(
+            "Frame at which the crowd starts to move; before it agents stand where they were "
+            "populated"
+        ),
     )
 
 
 class SimulationSettings:
-    """How people walk who are simulated: where to, around what, how many and how fast."""
+    """The simulation of people: goals, walls, how many and how fast."""
 
     goals: CollectionProperty(
         type=CrowdLodGoal,
         name="Goals",
-        description="Where people walk to; without any, the label exit",
+        description="Goals that people walk to; if empty, the label exit",
     )
     goal_choice: EnumProperty(
         name="Choice",
@@ -365,12 +378,14 @@ class SimulationSettings:
     )
     spawn_labels: StringProperty(
         name="Spawn Labels",
-        description="Labels that people spawn on in a rectangle, such as platform, hall; where the "
-        "state machine lets them if empty",
+        description=(
+            "Labels that people spawn on in a rectangle, such as platform, hall; if empty, all "
+            "that the state machine allows"
+        ),
     )
     wall_labels: StringProperty(
         name="Walls",
-        description="Labels that nobody enters, such as house, pillar; the label wall if empty",
+        description="Labels that nobody enters, such as house, pillar; if empty, the label wall",
     )
     obstacles: PointerProperty(
         type=bpy.types.Collection,
@@ -379,15 +394,17 @@ class SimulationSettings:
         "above the ground",
     )
     people_a_minute: FloatProperty(
-        name="People a Minute",
+        name="People per Minute",
         min=0,
         max=100_000,
-        description="How many come in a minute, until all Agents have come; 0 if all are there at "
-        "first",
+        description=(
+            "Number of people who arrive each minute, until all Agents are there; 0 starts with "
+            "all of them"
+        ),
     )
     walking_speed: EnumProperty(
         name="Speed",
-        description="How fast a person walks whom nobody hinders",
+        description="Speed of a person who walks freely",
         items=[
             ("PEOPLE", "People", "1.34 m/s on average, spread as Weidmann measured it"),
             ("STRIDE", "Stride", "As fast as the character's action walks; without one as people"),
@@ -429,15 +446,17 @@ class CameraSettings:
 
     margin_kind: EnumProperty(
         name="Margin",
-        description="By how much the camera's frustum is widened, for characters that reach into "
-        "it from outside",
+        description=(
+            "How far the camera's frustum is widened, for characters that reach into it from "
+            "outside"
+        ),
         items=[
             (
                 "DERIVED",
                 "From Bounds",
-                "Widen the frustum just so far that no character that may touch a pixel is dropped",
+                "Widen the frustum just enough to keep every character that may touch a pixel",
             ),
-            ("FIXED", "Fixed", "Widen the frustum by a distance of your own; may drop characters"),
+            ("FIXED", "Fixed", "Widen the frustum by a fixed distance; may drop characters"),
         ],
     )
     margin: FloatProperty(
@@ -466,12 +485,16 @@ class CameraSettings:
     )
     occlusion: BoolProperty(
         name="Occlusion Culling",
-        description="Leave out characters that opaque meshes of the scene hide from the camera, "
-        "with their shadows where nobody sees these. Estimate Cost tells what it gains",
+        description=(
+            "Leave out characters that opaque meshes hide from the camera, and their shadows if "
+            "these are hidden, too. Estimate Cost tells how much it saves"
+        ),
     )
     occlusion_exclude: PointerProperty(
         type=bpy.types.Collection,
         name="Exclude from Occlusion",
-        description="Collection of scenery that hides no characters, such as what compositing "
-        "takes out",
+        description=(
+            "Collection of objects excluded from occlusion culling, such as scenery that "
+            "compositing removes"
+        ),
     )

@@ -75,4 +75,4 @@ def place(scene: bpy.types.Scene) -> str:
     if not 0 <= settings.override_index < len(settings.overrides):
         return "Select an override in the list"
     by = settings.overrides[settings.override_index].select_by
-    return "" if by != "NUMBERS" else "Agents are found by a region: set Select By"
+    return "" if by != "NUMBERS" else "Set Select By to Region first"

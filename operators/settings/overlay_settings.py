@@ -5,8 +5,8 @@ from ..blender.labeled_properties import BoolProperty, EnumProperty, IntProperty
 OVERLAY_COLORS = (
     ("LOD", "By LOD", "Red, green, blue from near to far"),
     ("STATE", "By State", "The colors of the state machine"),
-    ("GROUP", "By Group", "A color a character group"),
-    ("REASON", "By Reason", "Why an agent is culled, or has not the finest LOD"),
+    ("GROUP", "By Group", "One color for each character group"),
+    ("REASON", "By Reason", "Why an agent is culled, or not shown at the finest LOD"),
     ("ERROR", "By Error", "How many pixels an agent's LOD may be off: green to red"),
     ("MATERIAL", "Materials", "Base color or image of the characters' own materials"),
 )
@@ -15,7 +15,9 @@ OVERLAY_COLORS = (
 class OverlaySettings:
     """How the viewport shows the crowd."""
 
-    overlay: BoolProperty(name="Overlay", description="Draw the crowd at its LODs in the viewport")
+    overlay: BoolProperty(
+        name="Overlay", description="Draw the crowd in the viewport, each agent at its LOD"
+    )
     overlay_mode: EnumProperty(
         name="Display As",
         description="How the overlay draws the agents",
@@ -25,8 +27,8 @@ class OverlaySettings:
                 "LOD Meshes",
                 "Every character at its LOD, each in its own step of the action",
             ),
-            ("BOXES", "Boxes", "As high and wide as the characters; for very many"),
-            ("POINTS", "Points", "As wide as the characters; for very many"),
+            ("BOXES", "Boxes", "Boxes as large as the characters, for very large crowds"),
+            ("POINTS", "Points", "Points as wide as the characters, for very large crowds"),
         ],
     )
     overlay_color: EnumProperty(

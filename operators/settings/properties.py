@@ -75,8 +75,10 @@ class CrowdLodSettings(*(part for part in ALL if part not in CROWD), bpy.types.P
         soft_max=100,
         precision=1,
         subtype="PERCENTAGE",
-        description="Pop Reduction in percent: by how much a shot's time, memory and instances may "
-        "cost more than LODs by distance so that fewer characters change their LOD in sight",
+        description=(
+            "Pop Reduction in percent: how much more time, memory and instances a shot may cost "
+            "than LODs by distance, for fewer visible LOD switches"
+        ),
     )
     groups: CollectionProperty(
         type=CrowdLodGroup, name="Character Groups", description="What was measured of each"

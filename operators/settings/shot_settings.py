@@ -22,25 +22,23 @@ REGIONS = "MESH", "EMPTY"  # types of objects that may mark a region
 class CrowdLodOverride(bpy.types.PropertyGroup):
     """An override, called `name`: for some agents, in some frames."""
 
-    use: BoolProperty(name="Use", default=True, description="The override counts")
+    use: BoolProperty(name="Use", default=True, description="Apply the override")
     type: EnumProperty(
         name="Type",
-        description="What is asked for these agents",
+        description="What the override does",
         items=[
             (
                 "NEVER_COARSER",
                 "Never Coarser Than",
-                "They never have a LOD with fewer triangles than this one",
+                "Agents never get a coarser LOD than this one",
             ),
-            ("ALWAYS", "Always", "They always have this LOD"),
-            ("HIDE", "Hide", "They are not there, nor are their shadows and reflections"),
-            ("NUDGE", "Nudge", "They stand and walk beside their own way"),
-            ("GROUP", "Swap Group", "They are of this character group"),
+            ("ALWAYS", "Always", "Agents always have this LOD"),
+            ("HIDE", "Hide", "Agents are removed, with their shadows and reflections"),
+            ("NUDGE", "Nudge", "Agents are moved aside from their path"),
+            ("GROUP", "Swap Group", "Agents are shown as this character group"),
         ],
     )
-    level: IntProperty(
-        name="LOD", min=0, max=MOST_LEVELS - 1, description="The LOD that the override speaks of"
-    )
+    level: IntProperty(name="LOD", min=0, max=MOST_LEVELS - 1, description="LOD of the override")
     move: FloatVectorProperty(
         name="Nudge",
         size=3,
@@ -48,9 +46,9 @@ class CrowdLodOverride(bpy.types.PropertyGroup):
         max=100_000,
         subtype="TRANSLATION",
         unit="LENGTH",
-        description="By which way they stand beside their own, along the world's axes",
+        description="Distance by which agents are moved aside, along the world's axes",
     )
-    group_name: StringProperty(name="Group", description="The character group that they are of")
+    group_name: StringProperty(name="Group", description="Character group that agents are shown as")
     select_by: EnumProperty(
         name="Select By",
         description="Which agents the override is for",
@@ -72,23 +70,25 @@ class CrowdLodOverride(bpy.types.PropertyGroup):
         type=bpy.types.Object,
         name="Region",
         poll=lambda _, candidate: candidate.type in REGIONS,
-        description="A mesh or an empty. Its box in its own space chooses agents, a flat one at "
-        "every height",
+        description=(
+            "Mesh or empty whose box, in its own space, selects agents; a flat box selects at "
+            "every height"
+        ),
     )
     all_frames: BoolProperty(
-        name="All Frames", default=True, description="The override holds in the whole shot"
+        name="All Frames", default=True, description="The override applies to the whole shot"
     )
     first_frame: IntProperty(
         name="First Frame",
         default=1,
         subtype="TIME",
-        description="From which on the override holds",
+        description="First frame of the override",
     )
     last_frame: IntProperty(
         name="Last Frame",
         default=120,
         subtype="TIME",
-        description="Up to which the override holds",
+        description="Last frame of the override",
     )
 
 
@@ -123,28 +123,36 @@ class PlanSettings:
         min=0,
         soft_max=1,
         subtype="FACTOR",
-        description="Part by which a shot's time, memory and instances may cost more than LODs by "
-        "distance so that fewer characters change their LOD in sight",
+        description=(
+            "How much more time, memory and instances a shot may cost than LODs by distance, for "
+            "fewer visible LOD switches"
+        ),
     )
     budget_triangles: IntProperty(
         name="Triangles",
         min=0,
-        description="Triangles that the visible characters of any frame may have at most; the "
-        "tolerance rises until they fit. 0 is no limit",
+        description=(
+            "Most triangles of visible characters in any frame; the tolerance rises until they "
+            "fit. 0 is no limit"
+        ),
     )
     budget_memory: FloatProperty(
         name="Memory",
         min=0,
         soft_max=16_000,
         precision=0,
-        description="Megabytes that the characters may take in any frame of the shot; the "
-        "tolerance rises until they fit. 0 is no limit",
+        description=(
+            "Most megabytes of the characters in any frame of the shot; the tolerance rises until "
+            "they fit. 0 is no limit"
+        ),
     )
     budget_finest: IntProperty(
         name="Agents at LOD 0",
         min=0,
-        description="Visible agents of any frame that may have full detail at most; the tolerance "
-        "rises until they fit. 0 is no limit",
+        description=(
+            "Most visible agents at full detail in any frame; the tolerance rises until they fit. "
+            "0 is no limit"
+        ),
     )
     shot_plan: StringProperty(
         name="Shot Plan",
@@ -162,8 +170,10 @@ class PlanSettings:
     overrides: CollectionProperty(
         type=CrowdLodOverride,
         name="Overrides",
-        description="From the crowd and its LODs as they follow from the settings; of two for the "
-        "same agent, the lower one holds",
+        description=(
+            "Exceptions from the crowd and its LODs; of two for the same agent, the lower one in "
+            "the list applies"
+        ),
     )
     override_index: IntProperty(
         name="Override", min=0, description="The override that is selected in the list"
@@ -174,7 +184,7 @@ class PreviewSettings:
     """The pictures of a preview."""
 
     step: IntProperty(
-        name="Step", default=10, min=1, description="Take every so many frames of a range"
+        name="Step", default=10, min=1, description="Render every N-th frame of a range"
     )
     width: IntProperty(
         name="Width",
@@ -190,7 +200,7 @@ class VerifySettings:
     """The renders of a proof."""
 
     verify_count: IntProperty(
-        name="Frames", default=3, min=1, description="Frames that are rendered, evenly chosen"
+        name="Frames", default=3, min=1, description="Number of frames to render, evenly chosen"
     )
 
 
@@ -205,8 +215,10 @@ class ExportSettings:
     )
     animated_prototypes: BoolProperty(
         name="Animated Prototypes",
-        description="Each of 16 phases of an action is a prototype that moves, instead of poses "
-        "between which agents change: exact phases and blurred limbs, but a larger file",
+        description=(
+            "Write 16 moving prototypes of each action instead of still poses: exact phases and "
+            "motion blur of limbs, but a larger file"
+        ),
     )
     frames_per_task: IntProperty(
         name="Frames per Task",

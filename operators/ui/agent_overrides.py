@@ -49,15 +49,15 @@ class CROWDLOD_OT_override_agent(Reporting, bpy.types.Operator):
     type: EnumProperty(
         name="Change",
         items=[
-            ("NUDGE", "Nudge", "Half a meter along x; press again for as much more"),
-            ("HIDE", "Hide", "It is not there, nor is its shadow"),
+            ("NUDGE", "Nudge", "Move the agent half a meter along X; press again for more"),
+            ("HIDE", "Hide", "Remove the agent and its shadow"),
             (
                 "GROUP",
                 "Swap Group",
-                "To the next character group; press again for the one after it",
+                "Show the agent as the next character group; press again for the one after",
             ),
-            ("ALWAYS", "Pin LOD", "It keeps the LOD that it has now"),
-            ("NEVER_COARSER", "Never Coarser", "It has the LOD that it has now, or a finer one"),
+            ("ALWAYS", "Pin LOD", "Pin the LOD that the agent has now"),
+            ("NEVER_COARSER", "Never Coarser", "Keep the LOD that it has now, or a finer one"),
         ],
     )
 
@@ -146,7 +146,7 @@ def _write_numbers(context, entry) -> str:
     agents = find_agents(context.scene, entry, trajectory, context.evaluated_depsgraph_get())
     if not len(agents):
         raise CrowdError(
-            f"The override {entry.name} finds nobody: no agent stands in {entry.region.name} at "
+            f"The override {entry.name} selects no agents: none stand in {entry.region.name} at "
             f"this frame."
         )
     entry.agents = agents_text(agents, trajectory.ids)
@@ -155,7 +155,7 @@ def _write_numbers(context, entry) -> str:
 
 
 class CROWDLOD_OT_find_agents(Reporting, bpy.types.Operator):
-    bl_description = "Store the numbers of the agents that stand inside the region at this frame"
+    bl_description = "Store the numbers of the agents inside the region at this frame"
     bl_idname = "crowd_lod.find_agents"
     bl_label = "Find Agents"
     needs = needs.crowd, needs.place
@@ -166,7 +166,7 @@ class CROWDLOD_OT_find_agents(Reporting, bpy.types.Operator):
 
 
 class CROWDLOD_OT_erase(Reporting, bpy.types.Operator):
-    """Hide the agents who stand in the box about the active object at this frame"""
+    """Hide the agents inside the box of the active object at this frame"""
 
     bl_idname = "crowd_lod.erase"
     bl_label = "Erase in Active Object"

@@ -42,7 +42,7 @@ AREAS = SettingsList(
     {
         "add": "Lay a label where the selected objects are; without a selection, choose an object "
         "or collection later",
-        "remove": "Remove the selected area; the map is then as it was painted there",
+        "remove": "Remove the selected area; the map shows again what is painted there",
         "move": "Move the selected area: of two at the same place, the lower one counts",
     },
     _add,

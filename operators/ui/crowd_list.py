@@ -37,7 +37,7 @@ def _add(context) -> str:
         crowd.count = 100
         crowd.seed = len(settings.crowds)
     settings.crowd_index = len(settings.crowds) - 1
-    return f"{crowd.name} is added: choose its source and place."
+    return f"Added {crowd.name}: choose its source and place."
 
 
 CROWDS = SettingsList(

@@ -262,11 +262,11 @@ class _Adding:
 
 
 class CROWDLOD_MT_next(_Adding, bpy.types.Menu):
-    """Let a further state follow on the label: one of all is drawn by weight"""
+    """Add a state that may follow on the label; one of them is drawn by weight"""
 
 
 class CROWDLOD_MT_then(_Adding, bpy.types.Menu):
-    """Let a further state follow after the timer: one of all is drawn by weight"""
+    """Add a state that may follow after the timer; one of them is drawn by weight"""
 
     timer = True
 

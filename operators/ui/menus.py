@@ -20,7 +20,7 @@ class CROWDLOD_OT_sample(Reporting, bpy.types.Operator):
         scene = bpy.data.scenes.new(self.name.capitalize())
         sample_scenes.make(self.name, scene)
         context.window.scene = scene
-        return f"The scene {scene.name} is made; your own is in the scene selector."
+        return f"The scene {scene.name} was added; your own scene is in the scene selector."
 
 
 WORK = (

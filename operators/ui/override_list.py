@@ -25,15 +25,15 @@ def _add(context) -> str:
     settings = context.scene.crowd_lod
     settings.overrides.add().name = "Override"
     settings.override_index = len(settings.overrides) - 1
-    return "Override is added: set its type, and the agents."
+    return "Added an override: set its type and agents."
 
 
 OVERRIDES = SettingsList(
     "override",
     {
-        "add": "Add an override, for agents that it names",
+        "add": "Add an override for some agents",
         "remove": "Remove the selected override",
-        "move": "Move the selected override: of two for the same agent, the lower one holds",
+        "move": "Move the selected override: of two for the same agent, the lower one applies",
     },
     _add,
 )

@@ -40,7 +40,7 @@ class CROWDLOD_PT_main(Sidebar, bpy.types.Panel):
 
 def _draw_state(layout, told: list[steps.Told], letters: int) -> None:
     """Draw the most urgent line; the popover of all messages has what does not fit."""
-    sentence, icon, _ = told[0] if told else steps.Told("The shot is proved", "CHECKMARK")
+    sentence, icon, _ = told[0] if told else steps.Told("Done: the shot is verified", "CHECKMARK")
     lines = textwrap.wrap(sentence, max(20, letters), max_lines=LINES, placeholder=" ...")
     column = layout.column(align=True)
     column.alert = icon == "ERROR"

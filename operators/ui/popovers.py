@@ -59,7 +59,7 @@ class CROWDLOD_PT_statistics(_Popover, bpy.types.Panel):
         if frame.hidden is not None:
             rows.append(
                 (
-                    "Hidden by Scenery",
+                    "Occluded",
                     f"{frame.hidden[: len(frame.trajectory.bare.start)].sum():,}",
                     "HOME",
                 )
@@ -136,7 +136,7 @@ def _is_given(levels: bpy.types.Collection, k: int, g: int) -> bool:
 
 
 class CROWDLOD_PT_messages(_Popover, bpy.types.Panel):
-    """All that there is to say about the crowd"""
+    """All messages about the crowd"""
 
     bl_label = "Messages"
 
@@ -155,7 +155,7 @@ def draw_remedy(row, operator: str) -> None:
 
 
 class CROWDLOD_PT_error_curve(_Popover, bpy.types.Panel):
-    """What the frame takes that takes most, by the pixels that LODs may deviate"""
+    """Cost of the most expensive frame, by tolerance"""
 
     bl_label = "Error Against Cost"
 
@@ -164,7 +164,7 @@ class CROWDLOD_PT_error_curve(_Popover, bpy.types.Panel):
         points = possible_budgets(settings)
         fitting = fitting_point(points, budget_of(settings))
         column = self.layout.column()
-        label(column, "The least that one frame takes, by how far LODs may deviate")
+        label(column, "Least cost of the most expensive frame, by tolerance")
         most = max((point.triangles for point in points), default=1.0)
         for point in points:
             split = column.split(factor=0.2)
@@ -173,7 +173,7 @@ class CROWDLOD_PT_error_curve(_Popover, bpy.types.Panel):
             text = f"{point.triangles:,.0f} triangles, {point.memory / 1e6:,.0f} MB"
             split.progress(factor=point.triangles / max(most, 1.0), text=text, translate=False)
         if fitting is not None:
-            label(column, "The arrow is where the budget holds", "RIGHTARROW")
+            label(column, "The arrow marks the least tolerance within the budget", "RIGHTARROW")
 
 
 CLASSES = (

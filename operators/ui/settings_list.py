@@ -40,7 +40,7 @@ class SettingsList:
         rows.remove(index)
         self._select(scene, max(index - 1, 0))
         self.changed(scene)
-        return f"{name} is removed."
+        return f"Removed {name}."
 
     def move(self, scene: bpy.types.Scene, by: int) -> str:
         rows = self._rows(scene)
@@ -49,7 +49,7 @@ class SettingsList:
         rows.move(index, to)
         self._select(scene, to)
         self.changed(scene)
-        return f"{rows[to].name} is at place {to + 1}."
+        return f"Moved {rows[to].name} to place {to + 1}."
 
     def _rows(self, scene: bpy.types.Scene) -> bpy.types.bpy_prop_collection:
         owner = active_crowd(scene.crowd_lod) if self.of_crowd else scene.crowd_lod

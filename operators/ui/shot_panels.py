@@ -57,7 +57,10 @@ def describe_hold(scene: bpy.types.Scene) -> tuple[str, str]:
     frame = viewport_overlay.latest(scene) if scene.crowd_lod.use_shot_plan else None
     if frame is None:
         is_off = not scene.crowd_lod.use_shot_plan
-        return "Plan switched off" if is_off else "The overlay shows whether it holds", "INFO"
+        return (
+            "Plan switched off" if is_off else "Show the overlay to see whether it is up to date",
+            "INFO",
+        )
     if frame.planned:
         return "Plan up to date", "CHECKMARK"
     if frame.unplanned:

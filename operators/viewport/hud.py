@@ -75,9 +75,7 @@ def figures(
     ]
     if frame.hidden is not None:
         hidden = frame.hidden[: len(frame.trajectory.bare.start)].sum()
-        lines.append(
-            HudLine(f"Hidden by scenery  {hidden:,}", None if colors.culled else HIDDEN[:3])
-        )
+        lines.append(HudLine(f"Occluded  {hidden:,}", None if colors.culled else HIDDEN[:3]))
     lines += [] if colors.by_lod else legend(colors)
     lines += map(HudLine, notes)
     if frame.full_triangles:

@@ -72,7 +72,9 @@ def test_a_bake_that_shows_nobody_is_told(built):
     built.world = None
     built.frame_start = built.frame_end = 1
     bpy.ops.crowd_lod.bake()
-    with pytest.raises(CrowdError, match="The build shows nobody: bake frames in which the camera"):
+    with pytest.raises(
+        CrowdError, match="The build shows no agents: bake frames in which the camera"
+    ):
         add_aovs(built)
     assert not built.view_layers[0].aovs
 

@@ -300,13 +300,13 @@ def test_new_crowds_stand_on_their_lowest_point(sunk, tmp_path):
         and entry.center == pytest.approx(1.0, abs=0.01)
     )
     said = " ".join(sentences(plausible.notes_on_feet(sunk, stored_groups.groups_of(settings))))
-    assert said == "Raised so that their feet touch the ground: giraffe by 1 m."
+    assert said == "Raised giraffe by 1 m so that its feet touch the ground."
     bpy.ops.crowd_lod.build()
     settings.characters.hide_render = True
     assert pictured(sunk, tmp_path) == pytest.approx(0, abs=WIDTH / PIXELS)
     entry.on_ground = False
     assert entry.center == pytest.approx(0.0, abs=0.01)
-    assert "To touch the ground (see Stand on Ground), raise: giraffe by 1 m." in " ".join(
+    assert "Feet do not touch the ground (giraffe: raise by 1 m): tick Stand on Ground" in " ".join(
         sentences(plausible.notes_on_feet(sunk, stored_groups.groups_of(settings)))
     )
     with pytest.raises(CrowdError, match="press Build again"):

@@ -179,10 +179,7 @@ def test_all_kinds_of_characters_go_through_all_buttons(small_shot, tmp_path, ca
     settings.output_folder = str(tmp_path)
     for name in BUTTONS:
         assert getattr(bpy.ops.crowd_lod, name)() == {"FINISHED"}, name
-    told = (
-        "Left out of the crowd, which shows faces and hair: cloud (point cloud), drawing "
-        "(Grease Pencil), volume (volume)."
-    )
+    told = "Not included: cloud (point cloud), drawing (Grease Pencil), volume (volume)."
     assert told in capfd.readouterr().out  # of Populate
 
 

@@ -52,7 +52,7 @@ def pixels(scene, tmp_path, x):
 def test_a_build_hides_the_characters_until_it_is_removed(far, tmp_path, capfd):
     assert pixels(far, tmp_path, 0) > 0
     bpy.ops.crowd_lod.build()
-    assert "The characters in People are hidden from renders." in capfd.readouterr().out
+    assert "Source characters are hidden in renders." in capfd.readouterr().out
     assert pixels(far, tmp_path, 0) == 0 and pixels(far, tmp_path, 50) > 0
     bpy.ops.crowd_lod.build()
     bpy.ops.crowd_lod.remove_build()

@@ -92,7 +92,7 @@ def test_preview_tells_who_is_stuck_in_words_and_in_the_plan(one_level, tmp_path
     assert (
         row["column"] == 63 and row["row"] == 0 and row["place"][0] == pytest.approx(20 - 40 / 128)
     )
-    assert "300 agents stand for good" in capfd.readouterr().out
+    assert "300 agents are stuck" in capfd.readouterr().out
 
 
 @pytest.mark.skipif(
@@ -314,5 +314,6 @@ def test_nobody_in_a_scene_or_in_sight_is_one_sentence_in_a_folder_of_any_name(
     assert (folder / "gebaut é.blend").is_file()
     assert run("export", away, "--frames", "1", "--quiet", "--out", folder / "x.usdc") == 1
     assert (
-        "The camera sees no agent in frame 1: there is nothing to export." in capfd.readouterr().err
+        "The camera sees no agent in frame 1: choose other frames, or move the camera."
+        in capfd.readouterr().err
     )

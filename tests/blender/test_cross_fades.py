@@ -245,8 +245,7 @@ def test_what_cannot_be_faded_is_one_sentence(waiting):  # noqa: F811
     name_actions(waiting, waving)
     with pytest.raises(
         CrowdError,
-        match="move two objects of adult, .*: no state can fade from one to the other; set its "
-        "fade to 0",
+        match="move two objects of adult, .*: set the fade between their states to 0",
     ):
         measure_groups(waiting)
 

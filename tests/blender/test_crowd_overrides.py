@@ -195,7 +195,7 @@ WRONG = [
     ),
     (
         dict(type="NUDGE", select_by="REGION"),
-        "The override Hero does not know its agents yet: press Find Agents",
+        "The override Hero has no agents yet: press Find Agents",
     ),
     (
         dict(type="NUDGE", agents="1", move=(float("nan"), 0, 0)),
@@ -245,7 +245,7 @@ def test_buttons_say_what_they_lack(levelled):
         with pytest.raises(RuntimeError, match=says):
             press_()
     bpy.context.view_layer.objects.active = cube(levelled, (500, 500, 0), (501, 501, 1), "far")
-    with pytest.raises(RuntimeError, match="finds nobody: no agent stands in far"):
+    with pytest.raises(RuntimeError, match="selects no agents: none stand in far"):
         bpy.ops.crowd_lod.erase()
     assert not len(settings.overrides)
 

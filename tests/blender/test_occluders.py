@@ -208,10 +208,10 @@ def test_a_gate_hides_when_it_is_shut_and_not_while_the_shutter_sees_it_move(str
 def test_estimate_tells_the_gain_and_the_digest_the_scenery(street):
     settings = street.crowd_lod
     sentence = finished(estimate(street, [1])).sentence
-    assert "Scenery hides" in sentence and "so few instances cost Cycles" in sentence
+    assert "Occlusion culling hides" in sentence and "so few instances cost Cycles" in sentence
     street.render.engine = scene_data.EEVEE
     sentence = finished(estimate(street, [1])).sentence
-    assert "Scenery hides" in sentence and "next to nothing" not in sentence
+    assert "Occlusion culling hides" in sentence and "next to nothing" not in sentence
     before = scenery_digest(street)
     bpy.data.objects["House 0 0"].location.z = 1
     moved = scenery_digest(street)
@@ -241,7 +241,7 @@ def test_a_plan_knows_who_is_hidden(street):
         assert not survey.scale[cells[frame.hidden[agents]]].any()
     colors = by_reason(frame)
     names = {colors.names[index] for index in colors.index[frame.hidden]}
-    assert names == {"Hidden by scenery"}
+    assert names == {"Occluded"}
     assert len(colors.palette) == len(colors.names)
     inputs = plan_inputs(read_crowd(street))
     before = inputs["the scenery"]

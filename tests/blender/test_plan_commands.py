@@ -52,7 +52,7 @@ def test_strict_makes_a_frame_without_the_plan_an_error(few, planned, tmp_path, 
     assert run(*asked, "--frames", "6,7", "--strict") == 1
     told = capfd.readouterr().err
     assert (
-        "Frame 7: The shot plan covers frames 1 to 6: here thresholds hold." in told
+        "Frame 7: The shot plan covers frames 1 to 6: elsewhere LODs follow from distances." in told
         and not out.exists()
     )
     assert (

@@ -147,7 +147,7 @@ def test_who_stands_in_a_wall_is_told_and_who_stands_in_a_hall_is_not(scene):
     trouble = warnings_of(scene)  # nor are they below a ground
     assert trouble == (
         "1 object stands in the crowd's way (pillar): press Walls from Selection to lead agents "
-        "round."
+        "around."
     )
 
 

@@ -109,7 +109,7 @@ def test_make_chooses_lods_for_the_budget_and_the_plan_holds_it(planned):
     settings.budget_triangles = int(re.search(r"Triangles to ([\d,]+)", str(error.value))[1])
     outcome = finished(make_levels(planned))
     assert not told_of_budget(planned) and possible_budgets(settings) == ()
-    assert f"deviate by up to about {outcome.budget_tolerance:.3g}" in outcome.sentence
+    assert f"a tolerance of about {outcome.budget_tolerance:.3g} px" in outcome.sentence
     plan = finished(plan_shot(planned, wanted_of(planned, Path(), [1, 2])))
     assert plan.plan.bill.triangles.max() <= settings.budget_triangles
     assert 0.01 < plan.plan.tolerance <= outcome.budget_tolerance

@@ -165,7 +165,7 @@ def test_props_that_cannot_be_used_are_named(scene):
         (f"adult + {name}", name) for name in "abcd"
     ]
     bpy.data.objects["b"].modifiers.new("Cloth", "CLOTH")
-    with pytest.raises(CrowdError, match=r"adult \+ b would leave who wears it: b is simulated"):
+    with pytest.raises(CrowdError, match=r"adult \+ b does not follow its wearer: b is simulated"):
         measure_groups(scene)
     home = bpy.data.collections.new("slot: a")
     bpy.data.collections["adult"].children.link(home)

@@ -10,6 +10,7 @@ from crowd_lod_extension import sample_scenes
 from crowd_lod_extension.crowd_lod.crowd import leave_outs
 from crowd_lod_extension.crowd_lod.crowd.agents import Action
 from crowd_lod_extension.crowd_lod.frame.frame import plan
+from crowd_lod_extension.crowd_lod.messages import from_json
 from crowd_lod_extension.crowd_lod.output import tables
 from crowd_lod_extension.operators.blender import cameras, image_data
 from crowd_lod_extension.operators.blender.named_actions import find_action
@@ -261,6 +262,13 @@ def test_the_audience_of_the_stand_sits_on_its_steps_faces_the_ball_and_is_plann
     angle = np.arctan2(crowd.x, crowd.y)
     cheers = crowd.state == trajectory.machine.states.index("cheer")
     assert not cheers[angle > 0.9].any() and cheers[np.abs(angle) < 0.3].mean() > 0.5
+
+
+def test_people_who_sit_on_benches_are_not_taken_for_sunk():
+    bpy.context.window.scene = make_scene("stand")
+    bpy.context.scene.crowd_lod.count = 60
+    bpy.ops.crowd_lod.populate()
+    assert from_json(bpy.context.scene.crowd_lod.trouble) == ()
 
 
 def test_other_scenes_stay_as_they_are():

@@ -125,7 +125,7 @@ def machine(scene, text):
 def test_populate_tells_who_is_stuck_and_forgets_it_when_all_is_well(scene):
     machine(scene, STUCK % "1.5")
     assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
-    assert "stand for good" in told(scene) and f"{scene.crowd_lod.count} agents" in told(scene)
+    assert "are stuck" in told(scene) and f"{scene.crowd_lod.count} agents" in told(scene)
     said = [line.sentence for line in steps.messages(scene)]
     following = next(k for k, sentence in enumerate(said) if sentence.startswith("Next: "))
     assert following < said.index(told(scene))

@@ -247,7 +247,7 @@ WRONG = [
         "runs backwards, from frame 9 to 3",
     ),
     (dict(select_by="REGION"), "has no region"),
-    (dict(select_by="REGION", region="far"), "no agent stands in its region far at frame 1"),
+    (dict(select_by="REGION", region="far"), "none stand in its region far at frame 1"),
     (dict(select_by="REGION", region="bare"), "The region bare of the override Hero has no area"),
     (
         dict(select_by="REGION", region="shrunk"),

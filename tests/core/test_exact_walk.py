@@ -101,7 +101,7 @@ def test_agents_sent_to_and_fro_over_a_border_are_found_with_their_place():
     assert found.kind == "chatters" and found.agents.tolist() == [0, 1, 3]
     assert found.counts.sum() == 3 and set(found.column) <= {1, 2} and set(found.row) == {0}
     assert abs(found.x[0] - 14) == 1 and found.y[0] == 0.5
-    assert "3 agents change state endlessly and stay in place" in sentence_of(found)
+    assert "3 agents switch states endlessly in place" in sentence_of(found)
 
 
 def test_a_cycle_of_states_on_one_label_is_found():
@@ -134,7 +134,7 @@ def test_agents_stuck_at_the_edge_or_on_a_label_are_found_and_those_at_rest_are_
         and found.row.tolist() == [0, 1]
     )
     assert (
-        "3 agents stand for good, most of them (2) at x 2.50 m, y 0.50 m (map column 2, row 0"
+        "3 agents are stuck, most of them (2) at x 2.50 m, y 0.50 m (map column 2, row 0"
         in sentence_of(found)
     )
 

@@ -38,7 +38,7 @@ def test_of_many_subjects_two_are_named():
     )
     assert line.sentence == (
         "5 objects stand in the crowd's way (Witch, King and 3 others): press A.B to lead agents "
-        "round."
+        "around."
     )
 
 
@@ -105,6 +105,8 @@ def test_the_same_lod_of_two_characters_is_told_once_and_others_apart():
 
     lods = [unmade("Witch", 450), unmade("King", 450), unmade("King", 420, measured=False)]
     assert [line.sentence for line in lines_of(lods, str)] == [
-        "Witch, King: a LOD of 450 triangles would save less than a fifth of the 500 of the next finer LOD.",
-        "King: a LOD of about 420 triangles would save less than a fifth of the 500 of the next finer LOD.",
+        "Witch, King: a LOD of 450 triangles would save less than a fifth of the 500 of the next "
+        "finer LOD.",
+        "King: a LOD of about 420 triangles would save less than a fifth of the 500 of the next "
+        "finer LOD.",
     ]

@@ -48,7 +48,7 @@ def test_lines_tell_all_figures_of_the_frame():
     assert said[4:] == ["Triangles  20 k of 50 k without LOD", "Largest error  0.432 px"]
     frame = replace(frame, hidden=np.arange(6) > 4)
     (line,) = (line for line in hud.figures(frame, by_level(frame)) if "scenery" in line.text)
-    assert line == hud.HudLine("Hidden by scenery  1", HIDDEN[:3])
+    assert line == hud.HudLine("Occluded  1", HIDDEN[:3])
 
 
 def test_lines_of_lods_bear_their_tints_and_an_agent_that_of_its_own():

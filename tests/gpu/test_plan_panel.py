@@ -49,6 +49,9 @@ def test_the_panel_says_whether_the_plan_holds_in_the_frame_that_is_shown(tmp_pa
         scene.frame_set(9)
         shown(scene)
         said = [sentence for sentence, *_ in steps.messages(scene)]
-        assert "The shot plan covers frames 1 to 3: here thresholds hold." in said
+        assert "The shot plan covers frames 1 to 3: elsewhere LODs follow from distances." in said
         settings.overlay = False
-        assert shot_panels.describe_hold(scene) == ("The overlay shows whether it holds", "INFO")
+        assert shot_panels.describe_hold(scene) == (
+            "Show the overlay to see whether it is up to date",
+            "INFO",
+        )

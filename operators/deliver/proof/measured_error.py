@@ -11,15 +11,15 @@ from ...freshness.artifacts import current_proof, look_again
 def lacks_error(scene: bpy.types.Scene) -> str:
     """Return why the last proof mends no LOD; "" if it does."""
     if scene.crowd_lod.choice != "BY_TOLERANCE":
-        return "LODs by distance begin where you set them"
+        return "LODs by distance begin where you set them: change Threshold"
     proof = current_proof(scene)
     if proof is None or not proof.worst:
-        return "In the last proof no LOD is off by too much"
+        return "All LODs passed the last proof"
     return "" if proof.worst["predicted_px"] else "The agent that is off shows no LOD"
 
 
 class CROWDLOD_OT_use_measured_error(Reporting, bpy.types.Operator):
-    """Let the LOD that is off begin where its seen error is tolerated, until LODs are made anew"""
+    """Start the failed LOD where its measured error is tolerated, until LODs are made again"""
 
     bl_idname = "crowd_lod.use_measured_error"
     bl_label = "Use Measured Error"

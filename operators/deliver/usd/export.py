@@ -183,7 +183,8 @@ def _plan_frames(
             yield work.did(1)
     if not any(len(plan.agents) for plan in plans.values()):
         raise CrowdError(
-            f"The camera sees no agent in {shot_frames(frames)}: there is nothing to export."
+            f"The camera sees no agent in {shot_frames(frames)}: choose other frames, or move the "
+            "camera."
         )
     return plans, {number: film for number, film in films.items() if film is not None}, unplanned
 

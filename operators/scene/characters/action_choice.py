@@ -130,8 +130,8 @@ def choose_action(rig: bpy.types.Object, group: str, name: str) -> Fit:
     """Return the action `name`, or the best walk; CrowdError if it does not fit, or is none."""
     if name and name not in bpy.data.actions:
         raise CrowdError(
-            f"The file has no action {name}: name one of it, or leave Action empty for the walk "
-            f"that fits best."
+            f"The file has no action {name}: choose one of its actions, or leave Action empty for "
+            "the walk that fits best."
         )
     fits = list(filter(None, [fit_of(rig, bpy.data.actions[name])])) if name else fits_of(rig)
     fitting = [fit for fit in fits if not fit.misfits]

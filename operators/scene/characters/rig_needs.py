@@ -85,8 +85,8 @@ def leads(characters: Characters, groups: Sequence[Group]) -> list[int]:
             check_worn(group.name, characters[g][1])
             if not _alike(characters, groups, numbers[g], g):
                 raise CrowdError(
-                    f"The part {group.name} would leave who wears it: its action lasts otherwise. "
-                    f"Let the rig alone move it."
+                    f"The part {group.name} does not follow its wearer: its action has another "
+                    "length. Let the rig alone move it."
                 )
     return numbers
 
@@ -96,7 +96,7 @@ def check_worn(name: str, objects: Sequence[bpy.types.Object]) -> None:
     reason = refusal(objects)
     if reason:
         raise CrowdError(
-            f"The part {name} would leave who wears it: {reason}. Let the rig alone move it."
+            f"The part {name} does not follow its wearer: {reason}. Let the rig alone move it."
         )
 
 

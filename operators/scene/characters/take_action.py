@@ -13,7 +13,7 @@ from .motionless import STANDS_STILL, motionless, nodding, owner_of, questions, 
 
 
 class CROWDLOD_OT_take_action(Reporting, bpy.types.Operator):
-    """Give characters whose rig plays nothing the walk of the file whose bones are theirs"""
+    """Give rigs that play no action the walk of the file that fits their bones"""
 
     bl_idname = "crowd_lod.take_action"
     bl_label = "Take Action"
@@ -27,7 +27,7 @@ class CROWDLOD_OT_take_action(Reporting, bpy.types.Operator):
     )
     still: BoolProperty(
         name="Stand Still",
-        description="Let characters whose rig plays nothing stand still as they are posed",
+        description="Let rigs that play no action stand still in their pose",
     )
 
     @classmethod
@@ -43,7 +43,7 @@ class CROWDLOD_OT_take_action(Reporting, bpy.types.Operator):
         if self.group:
             rigs = {self.group: _rig_of_group(scene, self.group)}
         if not rigs:
-            raise CrowdError("All characters with a rig have an action.")
+            raise CrowdError("Nothing to do: all rigs play an action.")
         plays: list[str] = []
         refused: list[str] = []
         for name, rig in rigs.items():
@@ -66,7 +66,8 @@ def _rig_of_group(scene: bpy.types.Scene, group: str) -> bpy.types.Object:
     rig = rig_of(scene, group) if group in names else None
     if rig is None:
         raise CrowdError(
-            f"The character group {group} has no rig: there is nothing to give an action to."
+            f"The character group {group} has no rig: only rigs play actions, so parent its "
+            "meshes to one."
         )
     return rig
 
@@ -75,11 +76,11 @@ def _stand_still(scene: bpy.types.Scene, group: str) -> str:
     """Let the group's rig, or all that play nothing, stand still; return a sentence."""
     names = [name for name in motionless(scene) if group in ("", name)]
     if not names:
-        raise CrowdError("All characters with a rig have an action.")
+        raise CrowdError("Nothing to do: all rigs play an action.")
     for name in names:
         owner_of(scene, name)[STANDS_STILL] = True
     questions.drop(scene)
-    return f"Without an action {listed(names)} now stand still in the crowd."
+    return f"{listed(names)} now stand still in the crowd, without an action."
 
 
 CLASSES = (CROWDLOD_OT_take_action,)

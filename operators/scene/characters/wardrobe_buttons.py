@@ -156,8 +156,8 @@ def _offer(owner: Owner, name: str, value: float | str, description: str) -> Non
 
 class CROWDLOD_OT_mark_as_prop(Reporting, bpy.types.Operator):
     bl_description = (
-        "Let only some agents have the selected objects of character groups, and what is "
-        "parented to them"
+        "Give the selected objects of character groups, and their children, to only some of the "
+        "agents"
     )
     bl_idname = "crowd_lod.mark_as_prop"
     bl_label = "Mark as Prop"

@@ -58,7 +58,7 @@ class _Editing(Reporting):
 
 
 class CROWDLOD_OT_machine_follow(_Editing, bpy.types.Operator):
-    """Let this state follow the selected one: one of all that follow is drawn by weight"""
+    """Add a state that may follow the selected one; one of them is drawn by weight"""
 
     bl_idname = "crowd_lod.machine_follow"
     bl_label = "Next State"
@@ -67,7 +67,7 @@ class CROWDLOD_OT_machine_follow(_Editing, bpy.types.Operator):
     timer: BoolProperty(
         name="After Timer", description="The state follows when the time is over, not on the label"
     )
-    remove: BoolProperty(name="Remove", description="Let this state not follow")
+    remove: BoolProperty(name="Remove", description="Remove the state")
 
     @classmethod
     def description(cls, context, properties) -> str:

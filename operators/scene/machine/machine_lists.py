@@ -32,7 +32,7 @@ class MachineList:
             added = edits.unused_name(self.kind[:-1], names)
             add = edits.add_state if self.kind == "states" else edits.add_label
             change(scene, add(added))
-            sentence = f"The {self.kind[:-1]} {added} is added."
+            sentence = f"Added the {self.kind[:-1]} {added}."
         self._select(scene, self._names(scene).index(added))
         return sentence
 
@@ -41,7 +41,7 @@ class MachineList:
         name = selected_name(scene, self.kind)
         change(scene, edits.remove(self.kind, name))
         self._select(scene, max(names.index(name) - 1, 0))
-        return f"The {self.kind[:-1]} {name} is removed."
+        return f"Removed the {self.kind[:-1]} {name}."
 
     def move(self, scene: bpy.types.Scene, by: int) -> str:
         self._names(scene)
@@ -49,7 +49,7 @@ class MachineList:
         change(scene, edits.move(self.kind, name, by))
         place = self._names(scene).index(name)
         self._select(scene, place)
-        return f"{name} is at place {place + 1}."
+        return f"Moved {name} to place {place + 1}."
 
     def _names(self, scene: bpy.types.Scene) -> list[str]:
         if lack := missing_text(scene):

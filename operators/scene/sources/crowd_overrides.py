@@ -86,9 +86,7 @@ def _overridden_crowd(
 def _override_of(entry, trajectory: Trajectory) -> CrowdOverride:
     stored_values.check(entry)
     if entry.select_by != "NUMBERS":
-        raise CrowdError(
-            f"The override {entry.name} does not know its agents yet: press Find Agents."
-        )
+        raise CrowdError(f"The override {entry.name} has no agents yet: press Find Agents.")
     agents = parse_agents(entry.agents, len(trajectory.start), entry.name, trajectory.ids)
     names = [group.name for group in trajectory.groups]
     people = [group.name for group in trajectory.groups if not group.slot]

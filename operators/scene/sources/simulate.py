@@ -197,7 +197,7 @@ class _SimulatedCrowd:
     def _goal(self, goal: bpy.types.PropertyGroup) -> Goal:
         if goal.object is None:
             if not goal.label.strip():
-                raise CrowdError(f"The goal {goal.name} is nowhere: choose its Object or Label.")
+                raise CrowdError(f"The goal {goal.name} has no place: choose its Object or Label.")
             labels = _labels_in(self._machine, "Goals", goal.label)
             return Goal(self._polygons(labels), goal.share, goal.is_exit)
         item = goal.object
