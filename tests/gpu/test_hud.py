@@ -47,7 +47,7 @@ def test_lines_tell_all_figures_of_the_frame():
     assert said[:4] == ["6 agents, 4 visible, 33.3% culled", "LOD 0  2", "LOD 1  1", "LOD 2  1"]
     assert said[4:] == ["Triangles  20 k of 50 k without LOD", "Largest error  0.432 px"]
     frame = replace(frame, hidden=np.arange(6) > 4)
-    (line,) = (line for line in hud.figures(frame, by_level(frame)) if "scenery" in line.text)
+    (line,) = (line for line in hud.figures(frame, by_level(frame)) if "Occluded" in line.text)
     assert line == hud.HudLine("Occluded  1", HIDDEN[:3])
 
 
