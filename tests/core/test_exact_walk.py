@@ -176,7 +176,7 @@ def test_on_the_plaza_s_large_map_nobody_misses_a_border():
     np.testing.assert_allclose(moved.y, truth.y, atol=1e-10)
 
 
-@pytest.mark.parametrize("shape", [(1, 1), (1, 8), (8, 1), (8, 8)])
+@pytest.mark.parametrize("shape", [(1, 1), (1, 8), (8, 8)])
 @pytest.mark.parametrize("velocity", [(1.0, 0.0), (1.0, 1.0), (0.0, -1.0), (-1.0, 0.3)])
 @pytest.mark.parametrize("seconds", [1 / 24, 1.0, 10.0])
 @pytest.mark.parametrize("steps", ["exact", "plain"])

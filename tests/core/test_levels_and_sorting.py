@@ -11,6 +11,7 @@ from crowd_lod_extension.crowd_lod.levels.assignment import (
     Bias,
     LevelPolicy,
     assign,
+    pixels_of,
     pushed,
     threshold_distances,
 )
@@ -80,6 +81,26 @@ def test_lods_some_agents_and_groups_of_buckets_are_those_of_looking_at_each():
         counts = count_groups(group, buckets[level], 3).tolist()
         assert counts == [(group[buckets[level]] == g).sum() for g in range(3)]
         assert count_groups(np.zeros_like(group), buckets[level], 1) == sum(counts)
+
+
+def test_thresholds_of_a_group_that_do_not_increase_are_refused_by_its_number():
+    with pytest.raises(CrowdError, match=r"threshold 1 of character group 1 is 0\.2; .* is 0\.5"):
+        LevelPolicy((0.1, 0.5), group_thresholds=((), (0.5, 0.2)))
+
+
+def test_at_the_distance_where_a_lod_begins_its_deviation_shows_the_tolerance():
+    deviation = np.array([[0, 0.01, 0.04]])
+    policy = LevelPolicy((0, 0), tolerance=2.0)
+    begins = threshold_distances(policy, straight(), np.ones(1), deviation)
+    assert pixels_of(deviation[:, 1:], begins, straight(), 1.0) == pytest.approx(2.0)
+    inside = pixels_of([0, 0.01], 1.0, straight(), 1.0)  # at the bounding sphere or within
+    assert inside.tolist() == pixels_of([0, 0.01], 0.5, straight(), 1.0).tolist() == [0, np.inf]
+    camera = straight(kind="ORTHO")
+    shown = pixels_of(deviation, 50.0, camera, 1.0)
+    assert shown.tolist() == (camera.pixels_per_unit * deviation).tolist()
+    policy = LevelPolicy((0, 0), tolerance=float(shown[0, 1]))  # what shows just so much begins
+    begins = threshold_distances(policy, camera, np.ones(1), deviation)
+    assert begins.tolist() == [[-np.inf, np.inf]]
 
 
 def test_groups_may_have_thresholds_of_their_own():
