@@ -61,6 +61,20 @@ def stage():
     return scene
 
 
+def test_rigs_that_importers_call_all_alike_are_called_as_their_meshes():
+    scene = bpy.context.scene
+    parts = {"Armature": ("Witch_Body", "Witch_Head.001"), "CharacterArmature.001": ("Stag",)}
+    for owner, names in (*parts.items(), ("Rig", ("Hat", "Coat")), ("Hero", ("Cape",))):
+        bones = rig(owner)
+        scene.collection.objects.link(bones)
+        for name in names:
+            body = new(name, tube(name, 6, 4))
+            scene.collection.objects.link(body)
+            skin(body, bones)
+    press(*scene.objects)
+    assert sorted(groups()) == ["Hero", "Rig", "Stag", "Witch"]
+
+
 def test_a_selected_rig_takes_its_meshes_along_and_a_mesh_its_rig(stage, capfd):
     places = {item.name: item.matrix_world.copy() for item in stage.objects}
     press(stage.objects["Anna"])

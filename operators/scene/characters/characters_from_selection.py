@@ -1,6 +1,8 @@
 """Characters from Selection: the characters' collection and its groups, of what is selected."""
 
 import math
+import os
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -78,7 +80,7 @@ class Reading:
                 *[counted(rigs, "rig")] * bool(rigs),
                 *[counted(len(group.lods), "LOD of its own", "LODs of its own")] * bool(group.lods),
             ]
-            yield f"{group.owner.name}: {', '.join(parts)}"
+            yield f"{name_of(group.owner, group.members)}: {', '.join(parts)}"
         for home in self.instanced:
             yield f"{home.name}: " + (
                 "linked, as a library override"
@@ -167,6 +169,22 @@ def is_fixed(item: bpy.types.Object) -> bool:
 
 MOST_NAMES = 6  # in a message
 MOST_LINES = 20  # in the list of what is read
+# names of rigs in any file
+OF_IMPORTERS = re.compile(
+    r"(character|animal|human)?[ _]?(armature|rig|metarig|skeleton|root)(\.\d+)?", re.IGNORECASE
+)
+
+
+def name_of(root: bpy.types.ID, items: Sequence[bpy.types.Object]) -> str:
+    """Return what a character of these objects is called: as its root, or, where that has a name
+    that importers give to all, by the words that its meshes' names begin with.
+    """
+    names = [item.name for item in items if is_shape(item)]
+    shared = os.path.commonprefix([re.findall(r"[^ _.]*[^ _.0-9][^ _.]*", name) for name in names])
+    has_lods = any(label_of(name).number is not None for name in names)
+    if not shared or has_lods or not OF_IMPORTERS.fullmatch(root.name):
+        return root.name
+    return "_".join(shared)
 
 
 def _home(
@@ -178,7 +196,7 @@ def _home(
     for child in top.children:
         if root in child.all_objects[:]:
             return child
-    home = bpy.data.collections.new(root.name)
+    home = bpy.data.collections.new(name_of(root, items))
     home.instance_offset = place_of(root, filter(is_shape, items))
     if "stride" in root:
         home["stride"] = root["stride"]
