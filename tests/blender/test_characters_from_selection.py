@@ -61,7 +61,7 @@ def stage():
     return scene
 
 
-def test_rigs_that_importers_call_all_alike_are_called_as_their_meshes():
+def test_rigs_that_importers_call_all_alike_are_called_as_their_meshes(capfd):
     scene = bpy.context.scene
     parts = {"Armature": ("Witch_Body", "Witch_Head.001"), "CharacterArmature.001": ("Stag",)}
     for owner, names in (*parts.items(), ("Rig", ("Hat", "Coat")), ("Hero", ("Cape",))):
@@ -73,6 +73,7 @@ def test_rigs_that_importers_call_all_alike_are_called_as_their_meshes():
             skin(body, bones)
     press(*scene.objects)
     assert sorted(groups()) == ["Hero", "Rig", "Stag", "Witch"]
+    assert "Added Hero, Rig, Stag, Witch to the collection Characters." in capfd.readouterr().out
 
 
 def test_a_selected_rig_takes_its_meshes_along_and_a_mesh_its_rig(stage, capfd):

@@ -355,12 +355,12 @@ class CROWDLOD_OT_characters_from_selection(Reporting, bpy.types.Operator):
         if top not in scene.collection.children_recursive:
             scene.collection.children.link(top)
         first_crowd(scene.crowd_lod)
+        homes = {root: _home(top, root, items) for root, items in moved.items()}
         for root, items in moved.items():
-            home = _home(top, root, items)
             for item in items:
-                move_to(item, home, scene)
+                move_to(item, homes[root], scene)
         brought = [_bring(scene, top, *pair) for pair in reading.instanced.items()]
-        finest = [*(group.owner for group in Reading(moved, {}).groups()), *brought]
+        finest = [*(homes[group.owner] for group in Reading(moved, {}).groups()), *brought]
         walks = [note for items in moved.values() for note in take_walks(scene, items)]
         notes = [*walks, *_given_notes(scene, top, moved), *_instance_notes(reading), *notes]
         return " ".join([f"Added {_listed(finest)} to the collection {top.name}.", *notes])
