@@ -124,14 +124,20 @@ def _beside_offset(several: Sequence[Message], _: str) -> str:
 
 def _raised(several: Sequence[Message], _: str) -> str:
     whose = "its" if len(several) == 1 else "their"
-    return (
-        f"Raised {_each(several, '{subject} by {rise} m')} so that {whose} feet touch the ground."
+    moves = listed(
+        f"{message.subject} was {_risen(message, 'raised', 'lowered')}" for message in several
     )
+    return f"{moves}, so that {whose} feet touch the ground."
+
+
+def _risen(message: Message, up: str, down: str) -> str:
+    rise = message.facts["rise"]
+    return f"{up if rise > 0 else down} by {number(abs(rise))} m"
 
 
 def _off_its_soles(several: Sequence[Message], _: str) -> str:
-    rises = _each(several, "{subject}: raise by {rise} m")
-    return f"Feet do not touch the ground ({rises}): tick Stand on Ground, or move the character."
+    moves = listed(f"{message.subject}: {_risen(message, 'raise', 'lower')}" for message in several)
+    return f"Feet do not touch the ground ({moves}): tick Stand on Ground, or move the character."
 
 
 def _unknown_extent(several: Sequence[Message], _: str) -> str:

@@ -300,7 +300,7 @@ def test_new_crowds_stand_on_their_lowest_point(sunk, tmp_path):
         and entry.center == pytest.approx(1.0, abs=0.01)
     )
     said = " ".join(sentences(plausible.notes_on_feet(sunk, stored_groups.groups_of(settings))))
-    assert said == "Raised giraffe by 1 m so that its feet touch the ground."
+    assert said == "giraffe was raised by 1 m, so that its feet touch the ground."
     bpy.ops.crowd_lod.build()
     settings.characters.hide_render = True
     assert pictured(sunk, tmp_path) == pytest.approx(0, abs=WIDTH / PIXELS)

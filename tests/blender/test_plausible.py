@@ -207,7 +207,8 @@ def test_who_floats_above_the_own_origin_is_set_down_on_the_soles(scene):
     bpy.data.objects["body"].data.transform(Matrix.Translation((0, 0, 0.5)))
     group = scene.crowd_lod.characters.children[0]
     group.objects.link(block("sword", (0.3, 0, 0.34), (0.32, 0.05, 1.4)))
-    assert "ground: someone by -0.5 m." in warnings_of(scene)
+    said = "someone was lowered by 0.5 m, so that its feet touch the ground."
+    assert said in warnings_of(scene)
     assert groups_of(scene.crowd_lod)[0].lowest == pytest.approx(0.5, abs=1e-4)
 
 

@@ -210,7 +210,7 @@ def test_holes_and_moving_terrain_are_told(scene, capfd):
     said = capfd.readouterr().out
     assert (
         f"{over} of 300 agents have no ground of the terrain Waves under them, and stand at the "
-        f"crowd's height, 0 m." in said
+        f"crowd's height, 0 m: " in said
     )
     assert "The terrain moves (Waves): agents stand on it as it is now, in all frames." in said
     assert over > 100 and (crowd.at(1).z[np.abs(crowd.start.x) > 10] == 0).all()
