@@ -10,6 +10,7 @@ README = Path(__file__).parents[2] / "README.md"
 
 def test_the_example_bakes_a_crowd(scene, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PWD", str(tmp_path))  # by which Blender 4.5 goes
     scene.frame_end = 2
     (example,) = re.findall(r"^```python\n(.*?)^```", README.read_text("utf-8"), re.M | re.S)
     exec(compile(example, README.name, "exec"), {})
