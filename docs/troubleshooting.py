@@ -246,7 +246,10 @@ def needs() -> list[str]:
 
 
 def row(sentence: str) -> str:
-    """Return the row of a message: what it says, and after its colon what to do; "" without words."""
+    """Return the row of a message: what it says, and after its colon what to do.
+
+    It is "" without words.
+    """
     said = re.sub(r"(\.\.\.)+", "...", sentence)
     said = re.sub(r"(?<!\.)\.$|(?<=\.\.\.)\.$", "", said)
     said = said.replace("|", "\\|").replace("*", "\\*").replace("<", "&lt;")

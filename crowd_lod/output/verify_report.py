@@ -58,7 +58,7 @@ def verify_page(title: str, result: dict) -> str:
         [
             f"<h1>{escape(title)}: {_word(result['ok'])}</h1>",
             f'<p class="verdict">{escape(_headline(result, checks))}</p>',
-            f'<div class="checks">{table_of(CHECKS, [_check_cells(check) for check in checks])}</div>',
+            f'<div class="checks">{table_of(CHECKS, [*map(_check_cells, checks)])}</div>',
             f"<p>{escape(_about_limits(rows))}</p>",
             "<h2>Worst places</h2>",
             "<p>The three worst places of each frame, enlarged: everyone at full detail, as built, "
@@ -74,8 +74,8 @@ def verify_page(title: str, result: dict) -> str:
             *_frames(rows),
             "<h2>Agents</h2>",
             "<p>Those that are wrong first, then the largest errors beside their limit. Predicted "
-            "is what the LOD's measured deviation shows at that distance. An agent that an override "
-            "pins, or that is blurred or in a cross-fade, has no limit.</p>",
+            "is what the LOD's measured deviation shows at that distance. An agent that an "
+            "override pins, or that is blurred or in a cross-fade, has no limit.</p>",
             table_of(AGENT_COLUMNS, [_agent_cells(agent) for agent in agents]),
             list_of("Left out", result["left_out"]),
             list_of("Not proved", result["not_proved"]),
