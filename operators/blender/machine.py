@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
 
 import bpy
@@ -52,6 +52,19 @@ def script(path: Path, *words: str) -> list[str]:
     return [bpy.app.binary_path, "--background", *failing, "--python", str(path), "--", *words]
 
 
+def calling(function: Callable[..., None], *words: str) -> list[str]:
+    """Return the words that call a function of Crowd LOD in a Blender without a window, as its user
+    set it up.
+
+    words: its arguments.
+    """
+    code = f"from {function.__module__} import {function.__name__} as run; run{words!r}"
+    if not bpy.app.binary_path:
+        return _python(code)
+    failing = "--python-exit-code", "1"
+    return [bpy.app.binary_path, "--background", *failing, "--python-expr", code]
+
+
 def _python(code: str) -> list[str]:
     return [sys.executable, "-c", code]
 
@@ -85,6 +98,34 @@ def run_process(
         process.kill()
         process.wait()
     return process.returncode, log.read_text(errors="replace").strip().rpartition("\n")[2]
+
+
+def allowed(jobs: int) -> int:
+    """Return how many of `jobs` processes like this one, which is one of them, the machine's memory
+    holds.
+    """
+    free = _free_memory()
+    own = _own_memory()
+    return jobs if free is None or own is None else min(jobs, 1 + int(free / max(own, 1)))
+
+
+def _free_memory() -> int | None:
+    """Return bytes of memory that new processes may take; None where that is not known."""
+    with contextlib.suppress(OSError, ValueError, IndexError):
+        for line in Path("/proc/meminfo").read_text().splitlines():
+            if line.startswith("MemAvailable:"):
+                return 1024 * int(line.split()[1])
+    return None
+
+
+def _own_memory() -> int | None:
+    """Return bytes that this process has taken at most; None where that is not known."""
+    if sys.platform == "win32":
+        return None
+    import resource
+
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return most if sys.platform == "darwin" else 1024 * most
 
 
 def machine_name() -> str:

@@ -21,8 +21,8 @@ from ...crowd_lod.format import counted, printable
 from ...crowd_lod.frame.frame_range import frames_are, parse_frames, parse_part
 from ...crowd_lod.output import files
 from ...crowd_lod.shot import plan_file
-from ..blender.machine import launcher
-from ..deliver.preview.shared_frames import Sharing, allowed
+from ..blender.machine import allowed, launcher
+from ..deliver.preview.shared_frames import Sharing
 from . import farm
 from .options import add_command, to_path
 

@@ -28,6 +28,7 @@ from .costs import LodCosts
 from .deviation import Measure, compare
 from .level_objects import (
     AS_MADE,
+    MILLISECONDS,
     UNMEASURED_LEAST,
     WAY,
     WHY,
@@ -38,7 +39,7 @@ from .level_objects import (
     read_given,
     share_object,
 )
-from .measurements import COLUMNS, OFTEN_LOST, Measurements
+from .measurements import COLUMNS, OFTEN_LOST, FoundLods, FoundObject, Measurements
 from .poses import skin_of
 from .search import Search
 from .shaded_pictures import is_painted
@@ -94,7 +95,8 @@ class Ladder:
     Order of calls:
     read() reads the source meshes and sets `digest`, a hash of everything that candidates depend
         on.
-    recall() takes over measurements from an earlier run with the same digest.
+    recall() takes over measurements from an earlier run with the same digest; take_over() those of
+        a search of the same in another process.
     aim() sets the goals by tolerance.
     measure() makes one candidate and measures it.
     find() takes over collections of an earlier run, except those `used` by another group.
@@ -110,6 +112,7 @@ class Ladder:
     homes: goal -> the collection of that candidate's objects; new_homes: those of them that were
         made now.
     given: LODs that artists made, by goal; counts: their vertices and triangles.
+    found: what was searched for, by goal.
     looked: goals of LODs that were looked at between the poses; again: those then sought anew.
     costs: of the work on it.
     """
@@ -139,8 +142,10 @@ class Ladder:
         self.artists = given
         self.given: dict[float, GivenLod] = {}
         self.counts: dict[float, tuple[int, int]] = {}
+        self.found: dict[float, list[FoundObject]] = {}
         self.looked: set[float] = set()
         self.again: set[float] = set()
+        self.is_skinned = False  # whether skins were read
         self.search: Search | None = None
         self.costs = LodCosts()
 
@@ -200,6 +205,12 @@ class Ladder:
             if isinstance(home.get(MEASURED), IDPropertyGroup):
                 with suppress(CrowdError):  # spoilt measurements are made anew
                     self._remember(home[MEASURED])
+
+    def take_over(self, lods: FoundLods) -> None:
+        """Take over what another process has found, unless it is of another character by now."""
+        if lods.digest == self.digest:
+            self.measured = lods.measured
+            self.found = lods.found
 
     def aim(self, group: Group, views: Sequence[View], tolerance: float, higher: bool) -> None:
         """Set as goals the lengths that the agents seen in `views` allow.
@@ -274,8 +285,10 @@ class Ladder:
         return [other for other in rows if rows[other] == rows.get(goal)]
 
     def make(self, goal: float) -> Iterator[float]:
-        """Make the LOD for `goal`; by tolerance also measure it."""
-        if self.searched and goal > 0:
+        """Make the LOD for `goal`; by tolerance also measure it, unless it was found before."""
+        if goal in self.found:
+            yield from self._make_found(goal)
+        elif self.searched and goal > 0:
             yield from self.measure(goal)
         else:
             yield from self._make(goal)
@@ -313,9 +326,10 @@ class Ladder:
             self._keep(goal, lod.objects, copy_given(self.name, lod, self.objects))
             return self.counts[goal]
         work = Workload(len(self.sources))
-        yield from work.take(self._read_skins())
         is_whole = self._is_whole(goal)
-        parts = []  # (object, vertices, triangles)
+        if not is_whole:
+            yield from work.take(self._read_skins())
+        parts = []
         for source in self.sources:
             if is_whole and source.item.type == "MESH":
                 parts.append(share_object(source))
@@ -323,16 +337,16 @@ class Ladder:
                 steps = make_object(source, goal or 1.0, UNMEASURED_LEAST)
                 parts.append((yield from work.take(steps)))
             yield work.did(1)
-        items, vertices, triangles = zip(*parts, strict=True)
-        self._keep(goal, self.objects, items)
-        return sum(vertices), sum(triangles)
+        self._keep(goal, self.objects, [part.item for part in parts])
+        return sum(part.vertices for part in parts), sum(part.triangles for part in parts)
 
     def _is_whole(self, goal: float) -> bool:
         """Return whether the candidate is the character itself."""
         return goal == self.goals[0] and goal in (0.0, 1.0)
 
     def _read_skins(self) -> Iterator[None]:
-        if self.new_homes.keys() <= self.given.keys():
+        if not self.is_skinned:
+            self.is_skinned = True
             yield from self.judge.choose_frames()
             for source in self.sources:
                 yield from skin_of(source, self.judge.own_frames)
@@ -354,17 +368,36 @@ class Ladder:
             rows.update(dict.fromkeys([length, *alike], serving))
             return
         tries, deviation = found
-        for attempt, source in zip(tries, self.sources, strict=True):
-            if WHY in attempt.item and 0.0 < attempt.ratio < 1.0:
-                reason = (
-                    "The fewest triangles of those tried that deviate no more than agents allow."
-                )
-                attempt.item[WHY] = " ".join([reason, *source.notes])
-        self._keep(length, self.objects, [attempt.item for attempt in tries])
+        self.found[length] = [
+            FoundObject(attempt.ratio, attempt.shape, attempt.item.get(MILLISECONDS, 0.0))
+            for attempt in tries
+        ]
+        self._keep_found(length, [attempt.item for attempt in tries])
         vertices = sum(attempt.vertices for attempt in tries)
         triangles = sum(attempt.triangles for attempt in tries)
         yield from work.take(self._note(length, (vertices, triangles), deviation))
         rows.update(dict.fromkeys(alike, rows[length]))
+
+    def _make_found(self, length: float) -> Iterator[float]:
+        """Make the LOD that was found for the length."""
+        work = Workload(len(self.sources))
+        items = []
+        for source, known in zip(self.sources, self.found[length], strict=True):
+            made = yield from work.take(make_object(source, known.ratio, shape=known.shape))
+            items.append(made.item)
+            yield work.did(1)
+        self._keep_found(length, items)
+
+    def _keep_found(self, length: float, items: Sequence[bpy.types.Object]) -> None:
+        """Keep the objects of the LOD that was found for the length, and say so in them."""
+        for item, known, source in zip(items, self.found[length], self.sources, strict=True):
+            if WHY in item and 0.0 < known.ratio < 1.0:
+                reason = (
+                    "The fewest triangles of those tried that deviate no more than agents allow."
+                )
+                item[WHY] = " ".join([reason, *source.notes])
+                item[MILLISECONDS] = known.milliseconds
+        self._keep(length, self.objects, items)
 
     def _keep(
         self,
@@ -426,18 +459,15 @@ class Ladder:
         """Remove a LOD that was made now, and what was measured of the goals that it serves."""
         for other in self._alike(goal):
             del self.measured.rows[other]
-        del self.new_homes[goal]
+        del self.new_homes[goal], self.found[goal]
         home = self.homes.pop(goal)
         discard(list(home.objects))
         removal.remove([home])
 
-    def guess(self, group: Group, usual: Sequence[float]) -> Group:
-        """Return the group with measured or guessed values of all candidates.
-
-        usual: values of Measurements.lost of all characters, used where this one has none.
-        """
+    def guess(self, group: Group) -> Group:
+        """Return the group with measured or guessed values of all candidates."""
         # by distance all are made, whatever they deviate by
-        return self.measured.complete(group, self.goals, usual if self.searched else None)
+        return self.measured.complete(group, self.goals, guesses=self.searched)
 
     def mark_as_made(self, kept_homes: list[bpy.types.Collection]) -> Iterator[None]:
         """Note what the objects of the chosen collections are like; yield between them."""

@@ -4,6 +4,7 @@ import time as clock
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import bpy
 import numpy as np
@@ -11,7 +12,7 @@ from mathutils import Matrix, Vector
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.progress import run_in_thread, run_steps_in_thread
-from ...crowd_lod.simplification.decimate import Decimation
+from ...crowd_lod.simplification.decimate import Decimation, LodMesh
 from ..blender import mesh_data, removal
 from ..blender.animation import armatures_of
 from ..blender.mesh_data import count_triangles
@@ -69,7 +70,7 @@ class _Made:
     """A LOD's mesh (its caller's to remove).
 
     weights: as read_weights gives them; method: POSE_AWARE or WHOLE; why: a sentence, or "";
-    milliseconds: that it took to make.
+    milliseconds: that it took to make; shape: what decimation gave; None of a whole mesh.
     """
 
     mesh: bpy.types.Mesh
@@ -77,23 +78,39 @@ class _Made:
     method: str
     why: str
     milliseconds: float
+    shape: LodMesh | None = None
+
+
+class LodObject(NamedTuple):
+    """An object of a LOD, in no collection.
+
+    vertices, triangles: how many it has, modifiers applied.
+    shape: its mesh, as decimation gave it; None of one that is no decimated mesh.
+    """
+
+    item: bpy.types.Object
+    vertices: int
+    triangles: int
+    shape: LodMesh | None = None
 
 
 def make_object(
-    source: sources.Source, ratio: float, least: int = LEAST
-) -> Generator[None, None, tuple[bpy.types.Object, int, int]]:
+    source: sources.Source, ratio: float, least: int = LEAST, shape: LodMesh | None = None
+) -> Generator[None, None, LodObject]:
     """Make the object of a LOD with about `ratio` of its triangles, `least` of them at least.
 
     An object without faces is copied, with the character's data. At a ratio of 0 the LOD's object
-    has no face.
-    Yields between its steps. Returns the object, in no collection, and its (vertices, triangles).
+    has no face. Yields between its steps.
+
+    shape: LodObject.shape at this ratio, where it is known.
     """
     item = source.item
     if source.mesh is None:
         return share_object(source)
     if not ratio:
         return _leave_out(item)
-    made = yield from _make_mesh(source, max(ratio, least / max(len(source.geometry.triangles), 1)))
+    most = max(ratio, least / max(len(source.geometry.triangles), 1))
+    made = yield from _make_mesh(source, most, shape)
     yield
     copy = copy_object(item) if item.type == "MESH" else _stand_in(item, made.mesh)
     for modifier in list(copy.modifiers):
@@ -110,10 +127,13 @@ def make_object(
     copy[WAY] = made.method
     copy[WHY] = " ".join(filter(None, [made.why, *source.notes]))
     copy[MILLISECONDS] = made.milliseconds
-    return copy, len(made.mesh.vertices), mesh_data.count_triangles(made.mesh)
+    triangles = mesh_data.count_triangles(made.mesh)
+    return LodObject(copy, len(made.mesh.vertices), triangles, made.shape)
 
 
-def _make_mesh(source: sources.Source, ratio: float) -> Generator[None, None, _Made]:
+def _make_mesh(
+    source: sources.Source, ratio: float, shape: LodMesh | None
+) -> Generator[None, None, _Made]:
     """Make the mesh of about `ratio` of the source's triangles.
 
     Edges collapse by quadrics, which loses attributes: they are carried over. Yields between its
@@ -129,19 +149,20 @@ def _make_mesh(source: sources.Source, ratio: float) -> Generator[None, None, _M
         return _Made(mesh, source.weights, "WHOLE", why, 0.0)
     start = clock.perf_counter()
     charts = yield from charting(source)
-    if source.decimation is None:
-        preparing = partial(Decimation, source.geometry, name, charts.seams)
-        source.decimation = yield from run_in_thread(
-            lambda: preparing(source.telling, source.share)
-        )
-    result = yield from run_steps_in_thread(source.decimation.lod(ratio, source.weight))
+    if shape is None:
+        if source.decimation is None:
+            preparing = partial(Decimation, source.geometry, name, charts.seams)
+            source.decimation = yield from run_in_thread(
+                lambda: preparing(source.telling, source.share)
+            )
+        shape = yield from run_steps_in_thread(source.decimation.lod(ratio, source.weight))
     spent = clock.perf_counter() - start
     yield
     start = clock.perf_counter()
-    mesh = yield from attribute_transfer.dress(name, result, source)
+    mesh = yield from attribute_transfer.dress(name, shape, source)
     mesh.validate()
     yield
-    weights = attribute_transfer.weights_of(result, source)
+    weights = attribute_transfer.weights_of(shape, source)
     milliseconds = 1000 * (spent + clock.perf_counter() - start)
     why = ""
     if len(mesh.polygons) > MISSED * wanted:
@@ -149,29 +170,25 @@ def _make_mesh(source: sources.Source, ratio: float) -> Generator[None, None, _M
             f"It has {len(mesh.polygons):,} triangles, not {wanted:,}: with fewer, loose parts of "
             f"the mesh would be lost."
         )
-    return _Made(mesh, weights, "POSE_AWARE", why, milliseconds)
+    return _Made(mesh, weights, "POSE_AWARE", why, milliseconds, shape)
 
 
-def _leave_out(item: bpy.types.Object) -> tuple[bpy.types.Object, int, int]:
-    """Return an object without a face in place of `item`, and its (vertices, triangles): none."""
+def _leave_out(item: bpy.types.Object) -> LodObject:
+    """Return an object without a face in place of `item`."""
     copy = mesh_like(item, bpy.data.meshes.new(item.name))
     copy[WAY] = "NONE"
     copy[WHY] = "It is left out: nobody sees that it is gone where agents show this LOD."
     copy[MILLISECONDS] = 0.0
-    return copy, 0, 0
+    return LodObject(copy, 0, 0)
 
 
-def share_object(source: sources.Source) -> tuple[bpy.types.Object, int, int]:
-    """Return a copy of the source's object with the same data, and its (vertices, triangles).
-
-    The counts are those with modifiers applied.
-    """
+def share_object(source: sources.Source) -> LodObject:
+    """Return a copy of the source's object with the same data."""
+    copy = copy_object(source.item)
     mesh = source.mesh
-    return (
-        copy_object(source.item),
-        len(mesh.vertices) if mesh else 0,
-        mesh_data.count_triangles(mesh) if mesh else 0,
-    )
+    if mesh is None:
+        return LodObject(copy, 0, 0)
+    return LodObject(copy, len(mesh.vertices), mesh_data.count_triangles(mesh))
 
 
 def discard(items: Sequence[bpy.types.Object]) -> None:

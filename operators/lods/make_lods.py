@@ -3,15 +3,13 @@
 import re
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import bpy
 
 from ...crowd_lod.crowd.agents import Group
-from ...crowd_lod.crowd.bounds import cover_sizes
 from ...crowd_lod.format import number
 from ...crowd_lod.messages import Message, to_json
-from ...crowd_lod.progress import Workload, run_in_thread
+from ...crowd_lod.progress import Workload
 from ..blender import removal, scene_data
 from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED, remove_owned
@@ -20,18 +18,19 @@ from ..freshness.artifacts import note_lods
 from ..freshness.parts import lod_parts
 from ..scene.characters.character_provenance import reading_afresh
 from ..scene.characters.characters import GROUP, Character, all_characters
-from ..scene.characters.group_measuring import measuring_groups, stands
+from ..scene.characters.group_measuring import measuring_groups
 from ..scene.characters.stored_groups import store_groups
 from ..scene.machine.scene_world import check_maps
 from ..scene.scene_crowd import read_crowd
 from ..scene.sources.crowd_parts import measured_parts, note_measured
 from ..scene.sources.record_points import with_record
 from ..settings import needs
-from ..settings.stored_figures import budget_of, limits_levels
 from . import selection
 from .candidates import CANDIDATE, Ladder
 from .costs import costs_before, lod_seconds
+from .ladders import aim, choose, ladder_of
 from .level_objects import TINTS
+from .search_process import search_apart
 
 
 @dataclass(frozen=True)
@@ -96,7 +95,7 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, MadeLods]:
     is_done = False
     try:
         ladders, groups, shots = yield from _read_characters(scene, characters, earlier, work)
-        choice = yield from _choose(scene, ladders, groups, shots, work)
+        choice = yield from choose(scene, ladders, groups, shots, work)
         homes, edited = yield from _make_missing(ladders, choice.keep, earlier, work)
         is_done = True
     finally:
@@ -171,18 +170,13 @@ def _read_characters(
     settings = scene.crowd_lod
     ladders = []
     reaches = {}
-    ratios = selection.ratios_of(settings)
     for character in characters:
-        name = character.name
-        place = (*character.origin, float(stands(settings, name)))
-        ladder = Ladder(
-            name, character.objects, list(ratios), settings, place, character.given_lods
-        )
+        ladder = ladder_of(scene, character)
         yield from work.take(ladder.read(), costs_before(character, settings).load)
         ladder.recall(earlier)
         ladders.append(ladder)
         if ladder.reach:
-            reaches[name] = ladder.reach
+            reaches[ladder.name] = ladder.reach
     unknown = [ladder for ladder in ladders if not ladder.measured.rows]
     reading = sum(ladder.costs.read for ladder in unknown)
     work.announce(reading + sum(ladder.costs.expected for ladder in unknown))
@@ -195,75 +189,14 @@ def _read_characters(
 
         looking = with_record(scene, scene_data.frames_of(scene), look)
         shots = yield from work.take(looking, 0.05 * reading)
-    is_limited = bool(settings.memory) or limits_levels(settings)
+        seen = {
+            ladder: (group, shot)
+            for ladder, group, shot in zip(ladders, groups, shots, strict=True)
+        }
+        yield from search_apart(scene, unknown, seen, work)
     for ladder, group, shot in zip(ladders, groups, shots, strict=True):
-        ladder.reach = group.lowest, group.center, group.radius, group.girth
-        for goal in (ladder.goals[0], *ladder.given):
-            if goal in ladder.goals and goal not in ladder.measured.rows:
-                yield from work.take(ladder.measure(goal), 0.8 * ladder.costs.read)
-        if shot is not None:
-            ladder.aim(group, shot.views, round(settings.tolerance, 6), is_limited)
+        yield from aim(scene, ladder, group, shot, work)
     return ladders, groups, shots
-
-
-def _choose(
-    scene: bpy.types.Scene,
-    ladders: list[Ladder],
-    groups: Sequence[Group],
-    shots: list,
-    work: Workload,
-) -> Iterator[float]:
-    """Choose LODs, some by what is guessed of them; yields the progress.
-
-    One that was chosen by a guess is measured, and all are chosen again, until all that are chosen
-    are measured, and stay as they are between the poses. Returns the choice.
-    """
-    settings = scene.crowd_lod
-    limits = selection.Limits(settings.tolerance, settings.memory, budget_of(settings))
-    choice = None
-    is_open = True
-    while is_open:
-        usual = [lost for ladder in ladders for lost in ladder.measured.lost()]
-        guesses = [
-            cover_sizes(ladder.guess(group, usual))
-            for ladder, group in zip(ladders, groups, strict=True)
-        ]
-        measured = [
-            [k for k, goal in enumerate(ladder.goals) if goal in ladder.measured.rows]
-            for ladder in ladders
-        ]
-        by_hand = [
-            [k for k, goal in enumerate(ladder.goals) if goal in ladder.given] for ladder in ladders
-        ]
-        choosing = partial(
-            selection.choose_candidates,
-            limits,
-            guesses,
-            shots,
-            scene_data.meters(scene),
-            measured,
-            by_hand,
-        )
-        choice = yield from work.take(run_in_thread(choosing))
-        missing = [
-            (ladder, k)
-            for ladder, keep, indices in zip(ladders, choice.keep, measured, strict=True)
-            for k in keep
-            if k not in indices
-        ]
-        work.announce(
-            sum(ladder.costs.make for ladder, _ in missing)
-            + sum(ladder.costs.further for ladder in {ladder for ladder, _ in missing})
-            + sum(ladder.costs.look for ladder in ladders)
-        )
-        for ladder, k in missing[:1]:  # it says more of the others
-            yield from work.take(ladder.measure(ladder.goals[k]), ladder.costs.make)
-        is_open = bool(missing)
-        if not is_open:
-            for ladder, kept in zip(ladders, choice.keep, strict=True):
-                looking = ladder.look_between([ladder.serving(ladder.goals[k]) for k in kept])
-                is_open |= yield from work.take(looking, ladder.costs.look)
-    return choice
 
 
 def _make_missing(

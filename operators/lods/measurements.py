@@ -1,12 +1,13 @@
 """What was measured of the candidates for one character's LODs, and what is guessed from that."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.levels.selection import NEAR_ENOUGH, read_curve
+from ...crowd_lod.simplification.decimate import LodMesh
 
 # Of Group, a value a LOD
 COLUMNS = {
@@ -18,8 +19,9 @@ COLUMNS = {
     "worst": float,
     "shaded": float,
 }
-# Values of Measurements.lost to guess by. The first is below most LODs': a candidate whose guess is
-# too coarse would never be tried. The second is the middle.
+# Triangles x bound / diagonal, about the same for all LODs of a character (half the triangles,
+# twice the bound), to guess by. The first is below most LODs': a candidate whose guess is too coarse
+# would never be tried. The second is the middle.
 USUALLY_LOST = 4.0
 OFTEN_LOST = 12.0
 
@@ -66,14 +68,6 @@ class Measurements:
         most = max((self.value(goal, "triangles") for goal in self.rows if goal >= 0), default=0)
         return [goal for goal in made_here if self.value(goal, "triangles") < most]
 
-    def lost(self) -> list[float]:
-        """Return triangles x bound / diagonal of each LOD that deviates.
-
-        It is about the same for all LODs of a character: half the triangles, twice the bound.
-        """
-        pairs = self._by_bound("triangles")
-        return [triangles * bound / self.diagonal for bound, triangles in pairs]
-
     def _by_bound(self, kind: str) -> list[tuple[float, float]]:
         """Return the bound, and the value of `kind`, of each LOD that deviates."""
         return [(self.value(goal, "bounds"), self.value(goal, kind)) for goal in self._deviating()]
@@ -81,7 +75,7 @@ class Measurements:
     def guess_triangles(self, lengths: Sequence[float], usual: float) -> list[int]:
         """Return about how many triangles a LOD has that deviates by each of `lengths`.
 
-        usual: the value of `lost` where no candidate was searched for.
+        usual: triangles x bound / diagonal, where no candidate was searched for.
         """
         most = int(self.value(0.0, "triangles"))
         # lengths too small for any LOD; where finer ones have one, the search itself has failed
@@ -90,28 +84,25 @@ class Measurements:
         pairs = whole + self._by_bound("triangles") or [(usual * self.diagonal / most, most)]
         return read_curve(lengths, pairs, -1.0).round().astype(int).clip(1, most).tolist()
 
-    def complete(
-        self, group: Group, goals: Sequence[float], usual: Sequence[float] | None
-    ) -> Group:
+    def complete(self, group: Group, goals: Sequence[float], guesses: bool) -> Group:
         """Return the group with values of the candidates of `goals`.
 
-        usual: values of `lost` of all characters, by which candidates that were not measured are
-            guessed: those goals are lengths. None: their values are 0.
+        guesses: whether the values of those that were not measured are guessed, whose goals are
+            lengths; else they are 0.
         """
         rows = [self.rows.get(goal, (0,) * len(COLUMNS)) for goal in goals]
         values = dict(zip(COLUMNS, map(list, zip(*rows, strict=True)), strict=True))
         missing = [k for k, goal in enumerate(goals) if goal not in self.rows]
-        if usual is not None and missing:
-            guesses = self._guess([goals[k] for k in missing], usual)
-            for name, column in guesses.items():
+        if guesses and missing:
+            for name, column in self._guess([goals[k] for k in missing]).items():
                 for k, value in zip(missing, column, strict=True):
                     values[name][k] = value
         columns = {name: tuple(column) for name, column in values.items()}
         return replace(group, diagonal=self.diagonal, **columns)
 
-    def _guess(self, lengths: Sequence[float], usual: Sequence[float]) -> dict[str, Sequence]:
+    def _guess(self, lengths: Sequence[float]) -> dict[str, Sequence]:
         """Guessed columns of LODs that deviate by `lengths`."""
-        triangles = self.guess_triangles(lengths, min(usual, default=USUALLY_LOST))
+        triangles = self.guess_triangles(lengths, USUALLY_LOST)
         corners = self.value(0.0, "vertices") / max(self.value(0.0, "triangles"), 1)
         guesses: dict[str, Sequence] = {
             "bounds": lengths,
@@ -122,3 +113,24 @@ class Measurements:
         if pairs:
             guesses["shaded"] = read_curve(lengths, pairs, 1.0).tolist()
         return guesses
+
+
+@dataclass(frozen=True)
+class FoundObject:
+    """An object of a LOD that a search has found, to be made again.
+
+    ratio, shape: as make_object takes them; milliseconds: that decimation took.
+    """
+
+    ratio: float
+    shape: LodMesh | None
+    milliseconds: float
+
+
+@dataclass(frozen=True)
+class FoundLods:
+    """What the search for a character's LODs has found: what a Ladder has under these names."""
+
+    digest: str
+    measured: Measurements
+    found: dict[float, list[FoundObject]]

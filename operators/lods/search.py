@@ -8,16 +8,16 @@ together.
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
 
 import bpy
 import numpy as np
 
 from ...crowd_lod.levels.selection import LEAST_SAVED, read_curve
 from ...crowd_lod.progress import Workload, run_in_thread
+from ...crowd_lod.simplification.decimate import LodMesh
 from .deviation import DeviationEstimate, Measure
 from .dispensable import find_dispensable
-from .level_objects import LEAST, discard
+from .level_objects import LEAST, LodObject, discard
 from .source_mesh import Source
 
 LEFT = 0.1  # part of a search that is left after the first measurement of the whole, on average
@@ -46,14 +46,14 @@ NEAREST = 0.1
 BELOW = 1e-9  # a division by less says nothing
 
 Figures = tuple[float, float, float, float]  # see Measure.level
-Make = Callable[[Source, float], Generator[Any, None, tuple[bpy.types.Object, int, int]]]
+Make = Callable[[Source, float], Generator[None, None, LodObject]]
 
 
 @dataclass(eq=False)
 class Try:
     """An object of a LOD that was made.
 
-    item: it; vertices, triangles: how many it has; ratio: the part of the triangles asked for;
+    item, vertices, triangles, shape: see LodObject; ratio: the part of the triangles asked for;
     weighed: whether spots were heavier; deviation: meters, as estimated.
     away: (n,) meters, that of each vertex of the source.
     """
@@ -61,6 +61,7 @@ class Try:
     item: bpy.types.Object
     vertices: int
     triangles: int
+    shape: LodMesh | None
     ratio: float
     weighed: bool = False
     deviation: float = 0.0

@@ -6,10 +6,9 @@ See docs/notes/files.md.
 import hashlib
 import os
 import subprocess
-import sys
 import time as clock
 from collections.abc import Callable, Generator, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -165,31 +164,3 @@ def make_frames(
             clock.sleep(LOOK)
             yield work.did(0)
     return [frame_facts for frame_facts in facts.values() if frame_facts is not None]
-
-
-def allowed(jobs: int) -> int:
-    """Return how many of `jobs` processes like this one, which is one of them, the machine's memory
-    holds.
-    """
-    free = _free_memory()
-    own = _own_memory()
-    return jobs if free is None or own is None else min(jobs, 1 + int(free / max(own, 1)))
-
-
-def _free_memory() -> int | None:
-    """Return bytes of memory that new processes may take; None where that is not known."""
-    with suppress(OSError, ValueError, IndexError):
-        for line in Path("/proc/meminfo").read_text().splitlines():
-            if line.startswith("MemAvailable:"):
-                return 1024 * int(line.split()[1])
-    return None
-
-
-def _own_memory() -> int | None:
-    """Return bytes that this process has taken at most; None where that is not known."""
-    if sys.platform == "win32":
-        return None
-    import resource
-
-    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return most if sys.platform == "darwin" else 1024 * most
