@@ -58,6 +58,7 @@ def from_blender(argv: list[str]) -> int:
 
     Without a SCENE the commands work on the open file.
     """
+    interrupt.heeded()
     status = run_command(argv, "blender -b [FILE] --command crowd_lod")
     if "--json" in argv:  # what Blender still has to say would come after it
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)

@@ -11,6 +11,7 @@ def start() -> int:
     """Run `crowd-lod ARGV` from the shell, and return the exit code."""
     if sys.argv[1:] in (["--help"], ["-h"], ["--version"]):
         tell(sys.argv[1], version("bpy"))
+    interrupt.heeded()
     try:
         with interrupt.held():
             from .commands import main

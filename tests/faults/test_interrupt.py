@@ -1,4 +1,4 @@
-"""Ctrl-C in the middle of any command: exit code 130, one last line, and the disk as before.
+"""Ctrl-C or SIGTERM in the middle of a command: exit code 130, a last line, the disk as before.
 
 CROWD_LOD_TRIALS=10 tries ten times as many moments of each command, and more commands.
 """
@@ -49,11 +49,11 @@ def heeding() -> None:
 
 
 class Trial:
-    """A command that runs in a folder in which there are older results, until it ends or is sent
-    the signal.
+    """A command that runs in a folder in which there are older results, until it ends or is
+    stopped: by Ctrl-C, which reaches its processes, too, or as a farm does.
     """
 
-    def __init__(self, folder: Path, words: list[str], moment: float | None = None, group=True):
+    def __init__(self, folder: Path, words: list[str], moment: float | None = None, farm=False):
         self.folder = folder / "work"
         self.tmp = folder / "tmp"
         (self.folder / "out").mkdir(parents=True)
@@ -76,7 +76,10 @@ class Trial:
             try:
                 process.wait(moment)
             except subprocess.TimeoutExpired:
-                (os.killpg if group else os.kill)(process.pid, signal.SIGINT)
+                if farm:
+                    process.terminate()
+                else:
+                    os.killpg(process.pid, signal.SIGINT)
         self.out, self.err = process.communicate(timeout=300)
         self.code = process.returncode
         self.took = time.monotonic() - begun
@@ -115,7 +118,7 @@ def test_ctrl_c(name, small, tmp_path):
     chance = random.Random(name)
     for k in range(TRIALS):
         moment = STARTED + (whole.took - STARTED) * (k + chance.random()) / TRIALS
-        trial = Trial(tmp_path / str(k), words, moment, group=k % 2 == 0)
+        trial = Trial(tmp_path / str(k), words, moment, farm=k % 2 == 1)
         about = (
             f"{name} at {moment:.2f} of {whole.took:.2f} s: {trial.code}, "
             f"{trial.lines}, {trial.err[-300:]!r}"
