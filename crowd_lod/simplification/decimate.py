@@ -7,6 +7,7 @@ left are moved until the largest distance to the source is least.
 import threading
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -200,7 +201,7 @@ class Decimation:
             left.follows,
         )
         yield from _fitted(fit, max(self.effort * MOVES, MOVES_EACH * len(self.whole.triangles)))
-        points = _as_wide_as_source(self.whole.points, self.whole.triangles, self.part, fit)
+        points = self._as_wide_as_source(fit)
         if self.skin:
             source = self.solid[fit.follows]
         else:
@@ -208,6 +209,25 @@ class Decimation:
             source = _stand_for(self.unit, points, np.append(collapse_map, -1)[self.index])
         triangles = fit.corners.T.astype(np.int32)
         return LodMesh(points * self.size + self.low, triangles, self.vertices[source])
+
+    @cached_property
+    def _areas(self) -> tuple[np.ndarray, np.ndarray]:
+        """The loose parts, (p,) as in `part`, and the areas of their silhouettes, (p,)."""
+        triangles = self.whole.triangles
+        parts, of = np.unique(self.part[triangles[:, 0]], return_inverse=True)
+        return parts, silhouette_areas(self.whole.points, triangles, of, len(parts))
+
+    def _as_wide_as_source(self, fit: SurfaceFit) -> np.ndarray:
+        """The LOD's points (k, 3) at rest, its loose parts widened if there are several.
+
+        Each part is as wide as it must be to show as much as the source's.
+        """
+        points = fit.points.T / fit.copies.rest
+        if not self.part.any():
+            return points
+        parts, areas = self._areas
+        left, of = np.unique(self.part[fit.follows], return_inverse=True)
+        return widened(points, fit.corners.T, of, areas[np.searchsorted(parts, left)], fit.worst)
 
     def _are_inside(self) -> np.ndarray:
         """Which seams are no open borders, (k,) bool: these may move along themselves."""
@@ -315,23 +335,6 @@ def _fitted(fit: SurfaceFit, moves: float) -> Iterator[None]:
         fit.restore()
         if resampled < RESAMPLE_GAIN * before:
             break
-
-
-def _as_wide_as_source(
-    points: np.ndarray, triangles: np.ndarray, part: np.ndarray, fit: SurfaceFit
-) -> np.ndarray:
-    """The LOD's points (k, 3) at rest, its loose parts widened if there are several.
-
-    Each part is as wide as it must be to show as much as the source's: points (n, 3), triangles (m,
-    3), part (n,).
-    """
-    new_points = fit.points.T / fit.copies.rest
-    if (part[triangles[:, 0]] == part[triangles[0, 0]]).all():
-        return new_points
-    names, of = np.unique(part[fit.follows], return_inverse=True)
-    shown = triangles[np.isin(part[triangles[:, 0]], names)]
-    wanted = silhouette_areas(points, shown, np.searchsorted(names, part[shown[:, 0]]), len(names))
-    return widened(new_points, fit.corners.T, of, wanted, fit.worst)
 
 
 def _bulk(

@@ -86,10 +86,16 @@ class Surface(Mesh):
         """
         hits = list(self._hits(points))
         at = np.array([hit[0] for hit in hits], np.float64).reshape(-1, 3) + self.middle
-        triangle = np.concatenate([np.arange(len(self.triangles)), self.lines[1]])[
-            [hit[2] for hit in hits]
-        ]
-        return at, triangle, np.array([hit[3] for hit in hits], np.float64)
+        return at, self._faces[[hit[2] for hit in hits]], np.array([hit[3] for hit in hits])
+
+    def nearest_faces(self, points: np.ndarray) -> np.ndarray:
+        """Return the triangles (k,) intp nearest to `points` (k, 3): part of `nearest`, faster."""
+        return self._faces[[hit[2] for hit in self._hits(points)]]
+
+    @cached_property
+    def _faces(self) -> np.ndarray:
+        """The triangle that each of the tree's is of, (t,) intp."""
+        return np.concatenate([np.arange(len(self.triangles)), self.lines[1]])
 
     def distances(self, points: np.ndarray) -> np.ndarray:
         """Return the distance (k,) meters of `points` (k, 3) to the surface.
@@ -280,11 +286,7 @@ def merge(points: Sequence[np.ndarray], triangles: np.ndarray) -> Merged | None:
     def find(pose: int, at: np.ndarray) -> np.ndarray:
         if surfaces[pose] is None:
             surfaces[pose] = Surface(every[:, pose], triangles)
-        surface = surfaces[pose]
-        hits = map(surface.tree.find_nearest, (at - surface.middle).tolist())
-        return np.concatenate([np.arange(len(triangles)), surface.lines[1]])[
-            [hit[2] for hit in hits]
-        ]
+        return surfaces[pose].nearest_faces(at)
 
     place = np.full(len(points[0]), -1)
     place[vertices] = number
