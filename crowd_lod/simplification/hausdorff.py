@@ -23,6 +23,7 @@ from .moving_surface import (
     length_of,
     map_to_neighbors,
     map_to_one,
+    mixed,
     piece_distances,
 )
 from .triangle_mesh import blocks, edges_of
@@ -251,7 +252,7 @@ class DistanceTo:
         """
         target = self.target
         far_pieces = pieces[far]
-        corners = points.at[far_pieces]
+        corners = points.at.take(far_pieces, 0)
         beneath = faces_beneath(
             target, corners[:, :, 0], points.to[far_pieces], points.weights[far_pieces]
         )
@@ -280,8 +281,7 @@ class SurfacePoints:
 
     def at(self, points: np.ndarray) -> np.ndarray:
         """Return where they are, (s, ..., 3) meters, of the surface's points (n, ..., 3)."""
-        weights = self.weights.reshape(*self.weights.shape, *[1] * (points.ndim - 1))
-        return sum(weights[:, c] * points[self.corners[:, c]] for c in range(3))
+        return mixed(points, self.corners, self.weights)
 
     def of(self, which: np.ndarray) -> "SurfacePoints":
         """Return some of them."""
