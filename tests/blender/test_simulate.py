@@ -104,8 +104,17 @@ def plane(name, x, y, size):
     return item
 
 
+def points(places):
+    """A mesh of vertices alone, at the places (x, y)."""
+    mesh = bpy.data.meshes.new("points")
+    mesh.from_pydata([(*place, 0) for place in places], [], [])
+    item = bpy.data.objects.new("points", mesh)
+    bpy.context.scene.collection.objects.link(item)
+    return item
+
+
 def spawn_on(crowd, item):
-    crowd.spawn_on = "SURFACE"
+    crowd.spawn_on = "SURFACE" if item.data.polygons else "POINTS"
     crowd.spawn_object = item
 
 
@@ -252,6 +261,22 @@ def test_crowds_are_simulated_together_and_see_each_other(square):
         alone.append(rows_of(crowd))
         other.source = "SIMULATION"
     assert nearest(*alone) < 0.75 * BODY
+
+
+def test_streams_that_cross_do_not_jam(square):
+    settings = square.crowd_lod
+    crowds = settings.crowds[0], add_crowd(settings)
+    for crowd, turned in zip(crowds, (False, True), strict=True):
+        crowd.source = "SIMULATION"
+        crowd.size = (40, 40)
+        crowd.simulated_seconds = 50
+        rows = [(-9 + column / 2, row / 2 - 1.25) for column in range(10) for row in range(6)]
+        spawn_on(crowd, points([place[::-1] if turned else place for place in rows]))
+        add_goal(crowd, (0, 15) if turned else (15, 0), size=2)
+    together = simulate(square)
+    assert [len(rows[rows[:, 0] == 0]) for rows in together] == [60, 60]
+    assert [len(rows[rows[:, 0] == 500]) for rows in together] == [0, 0]
+    assert nearest(*together) > 0.75 * BODY
 
 
 def test_people_come_by_the_minute_and_leave_at_an_exit(square):

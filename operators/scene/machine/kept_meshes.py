@@ -109,9 +109,11 @@ def evaluated_meshes(
 
 
 def _shape(item: bpy.types.Object, matrix: np.ndarray) -> Iterator[tuple]:
+    if item.type == "EMPTY":  # Blender 4.5 would print an error
+        return
     try:
         mesh = item.to_mesh()
-    except RuntimeError:  # it has none, as an empty or hair
+    except RuntimeError:  # it has none, as hair
         return
     try:
         read = read_mesh(mesh)
