@@ -266,7 +266,7 @@ def chosen_by(name: bool) -> str:
 
 
 def _glides(several: Sequence[Message], button: str) -> str:
-    verb, pronoun = ("has", "it") if len(several) == 1 else ("have", "them")
+    verb, pronoun = ("plays", "it") if len(several) == 1 else ("play", "them")
     walks = sorted({walk for walk in _facts(several, "walk") if walk})
     others, refused = (
         list(dict.fromkeys(name for names in _facts(several, fact) for name in names))
@@ -284,10 +284,7 @@ def _glides(several: Sequence[Message], button: str) -> str:
     else:
         way = f"import the file of the pack that holds its motion, then press {button}"
     other_skeleton = f" Made for another skeleton: {listed(refused)}." if refused else ""
-    return (
-        f"{_subjects(several)} {verb} a rig that plays no action, and would glide in its bind "
-        f"pose: {way}. Or press Stand Still.{other_skeleton}"
-    )
+    return f"{_subjects(several)} {verb} no action and would glide in the bind pose: {way}. Or press Stand Still.{other_skeleton}"
 
 
 def _glows(several: Sequence[Message], _: str) -> str:

@@ -60,8 +60,8 @@ def _group_of(scene: bpy.types.Scene, active: bpy.types.Object | None) -> Charac
 
 class CROWDLOD_OT_give_lod(Reporting, bpy.types.Operator):
     bl_description = (
-        "Take the selected meshes, which stand where the character does, as a LOD of the character "
-        "that was selected last"
+        "Use the selected meshes as a LOD of the character selected last; they must stand where it "
+        "does"
     )
     bl_idname = "crowd_lod.give_lod"
     bl_label = "Give LOD"

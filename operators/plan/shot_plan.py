@@ -372,7 +372,7 @@ def plan_of_settings(scene: bpy.types.Scene) -> Generator[float, None, str]:
 
 
 class CROWDLOD_OT_plan_shot(Stepwise, bpy.types.Operator):
-    """Decide on all LODs of the shot at once, so that few characters change theirs in sight"""
+    """Choose the LODs of the whole shot at once, with few visible LOD switches"""
 
     bl_idname = "crowd_lod.plan_shot"
     bl_label = "Plan Shot"

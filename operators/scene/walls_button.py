@@ -22,7 +22,7 @@ from .scene_crowd import trajectory_of
 
 
 class CROWDLOD_OT_walls_from_selection(Reporting, bpy.types.Operator):
-    """Lead agents around the selected objects; with none selected, around all in their way"""
+    """Make agents avoid the selected objects; with nothing selected, all objects in their way"""
 
     bl_idname = "crowd_lod.walls_from_selection"
     bl_label = "Walls from Selection"

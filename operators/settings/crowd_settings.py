@@ -109,9 +109,8 @@ class CrowdSettings:
     use_crowd: BoolProperty(
         name="Show",
         default=True,
-        description=(
-            "Include the agents of this crowd in the scene; without it they keep their numbers"
-        ),
+        description="Include the agents of this crowd in the scene; when off, their numbers stay "
+        "reserved",
     )
     source: EnumProperty(
         name="Source",
@@ -137,8 +136,8 @@ class CrowdSettings:
     )
     tracks_columns: StringProperty(
         name="Columns",
-        description="What the columns of a table without titles are, such as frame,id,x,y; empty "
-        "for the file's titles",
+        description="Names of the columns of a table without titles, such as frame,id,x,y; empty "
+        "to use the file's titles",
     )
     tracks_unit: EnumProperty(
         name="Unit",
@@ -231,10 +230,8 @@ class CrowdSettings:
         name="Spacing",
         min=0,
         unit="LENGTH",
-        description=(
-            "Distance between neighbors, which then sets the number of agents; 0 places as many "
-            "as Agents"
-        ),
+        description="Distance between neighbors, which sets the number of agents; 0 takes the "
+        "number from Agents",
     )
     rows: IntProperty(
         update=outdate,
@@ -264,10 +261,8 @@ class CrowdSettings:
     face: PointerProperty(
         type=bpy.types.Object,
         name="Face",
-        description=(
-            "Object that agents face where they spawn, such as a stage or an empty; if empty, the "
-            "direction of their places"
-        ),
+        description="Object that agents face where they spawn, such as a stage; if empty, the "
+        "direction of their rows or points",
     )
     spawn_places: PointerProperty(
         type=bpy.types.Mesh,
@@ -340,8 +335,8 @@ class BehaviorSettings:
     )
     tilt: BoolProperty(
         name="Align to Slope",
-        description="Agents on a height map or a terrain stand square on its slope instead of "
-        "upright",
+        description="Tilt agents to the slope of a height map or a terrain instead of keeping "
+        "them upright",
     )
     machine: PointerProperty(
         type=bpy.types.Text,
@@ -413,8 +408,8 @@ class SimulationSettings:
     waiting_action: StringProperty(
         name="Waiting Action",
         default="idle",
-        description="Action that people play while they stand; a character's own may be called "
-        "after it, as in idle Woman. Where a character has none they pause in their walk",
+        description="Action that people play while they stand. A character's name may follow it, "
+        "as in idle Woman. Characters without one pause in their walk",
     )
     simulated_seconds: FloatProperty(
         name="Duration",

@@ -84,7 +84,9 @@ class HowItPlays:
     """What Populate found of how an action plays."""
 
     way: FloatProperty(
-        name="Way", unit="LENGTH", description="Distance that it travels in a cycle, taken out"
+        name="Way",
+        unit="LENGTH",
+        description="Distance that the action travels in a cycle, which is removed from it",
     )
     plays: EnumProperty(
         name="Plays",
@@ -167,18 +169,21 @@ class CrowdLodGroup(HowItPlays, bpy.types.PropertyGroup):
         default=1,
         min=0,
         max=1,
-        description="That this part is drawn in its slot",
+        description="Probability that an agent wears this in its slot",
     )
     slot: StringProperty(
         name="Slot",
-        description="Of the wardrobe of the group, where agents wear this; empty if it is no part",
+        description="Slot of the group's wardrobe in which agents wear this; empty if it is not "
+        "worn",
     )
     excludes: StringProperty(
         name="Excludes",
-        description="Slots, by commas, that an agent who wears this goes without",
+        description="Slots, separated by commas, that stay empty for agents who wear this",
     )
     actions: CollectionProperty(
-        type=CrowdLodAction, name="Actions", description="Those besides its own that states name"
+        type=CrowdLodAction,
+        name="Actions",
+        description="Actions that states name, besides the group's own",
     )
     lowest: FloatProperty(
         name="Soles",
@@ -187,7 +192,7 @@ class CrowdLodGroup(HowItPlays, bpy.types.PropertyGroup):
     )
     on_ground: BoolProperty(
         name="Stand on Ground",
-        description="Its soles stand on the ground over the whole action, instead of its origin",
+        description="Put the lowest point of its soles on the ground, instead of its origin",
         update=settings_changed("on_ground"),
     )
     vertices: IntVectorProperty(
@@ -228,7 +233,7 @@ class CrowdLodGroup(HowItPlays, bpy.types.PropertyGroup):
     diagonal: FloatProperty(
         name="Diagonal",
         unit="LENGTH",
-        description="Of the bounding box; 0 while no LOD was measured",
+        description="Diagonal of the bounding box; 0 while no LOD was measured",
     )
     finest: IntProperty(
         name="Finest LOD",
@@ -289,8 +294,8 @@ class LevelSettings:
         min=0,
         soft_max=16_000,
         precision=0,
-        description="Megabytes that the characters may take in a render: LODs are chosen to fit, "
-        "where they deviate least. 0 is no limit",
+        description="Most megabytes that the characters may take in a render: LODs are chosen to "
+        "fit, with the least error. 0 is no limit",
     )
     level_count: IntProperty(
         update=push_all,
@@ -323,6 +328,6 @@ class LevelSettings:
     bias_image: PointerProperty(
         type=bpy.types.Image,
         name="Detail Map",
-        description="Painted over the ground: white gives the LOD of a quarter of the distance, "
-        "black of four times, gray no change",
+        description="Image over the ground: on white, agents get the LOD of a quarter of their "
+        "distance, on black of four times; gray changes nothing",
     )

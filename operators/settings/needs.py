@@ -24,7 +24,7 @@ def camera(scene: bpy.types.Scene) -> str:
     return (
         ""
         if scene.camera is not None and scene.camera.type == "CAMERA"
-        else "The scene needs an active camera"
+        else "The scene needs an active camera: add one, or choose it in Shot"
     )
 
 

@@ -25,7 +25,7 @@ class OverlaySettings:
             (
                 "MESHES",
                 "LOD Meshes",
-                "Every character at its LOD, each in its own step of the action",
+                "Every character at its LOD, each in its own phase of the action",
             ),
             ("BOXES", "Boxes", "Boxes as large as the characters, for very large crowds"),
             ("POINTS", "Points", "Points as wide as the characters, for very large crowds"),
@@ -47,7 +47,7 @@ class OverlaySettings:
     hud: BoolProperty(
         name="Statistics",
         default=True,
-        description="Write counts, times and memory over the viewport",
+        description="Show counts, times and memory over the viewport",
     )
     inset: BoolProperty(
         name="Inset From Above",

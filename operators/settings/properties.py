@@ -81,7 +81,9 @@ class CrowdLodSettings(*(part for part in ALL if part not in CROWD), bpy.types.P
         ),
     )
     groups: CollectionProperty(
-        type=CrowdLodGroup, name="Character Groups", description="What was measured of each"
+        type=CrowdLodGroup,
+        name="Character Groups",
+        description="Character groups, and what was measured of each",
     )
     trouble: StringProperty(
         name="Trouble",

@@ -160,7 +160,7 @@ class PlanSettings:
         options={"PATH_SUPPORTS_BLEND_RELATIVE"},
         update=settings_changed("shot_plan"),
         description="File with the LODs of every character in every frame, as Plan Shot made it; "
-        "none takes LODs by distance",
+        "without it LODs are chosen by distance",
     )
     use_shot_plan: BoolProperty(
         name="Use Shot Plan",

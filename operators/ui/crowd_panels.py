@@ -25,7 +25,7 @@ class CROWDLOD_PT_crowd(StepPanel, bpy.types.Panel):
 
     def main(self, scene: bpy.types.Scene) -> tuple[str, ...]:
         if scene.crowd_lod.characters is None:
-            return "crowd_lod.characters_from_selection", "Selection"
+            return "crowd_lod.characters_from_selection", "From Selection"
         return "crowd_lod.populate", "Populate"
 
     def body(self, context, layout, settings) -> None:

@@ -58,7 +58,7 @@ def messages(scene: bpy.types.Scene) -> list[Told]:
     told = [] if proof is None else [Told(proof.sentence, "CHECKMARK" if proof.ok else "ERROR")]
     lines += [line for line in told if line.icon == "ERROR"]
     if operator := next_operator(scene):
-        reason = reasons(scene).get(operator, needs.characters(scene))
+        reason = reasons(scene).get(operator, "select them first")
         lines.append(Told(f"Next: {label_of(operator)} ({reason})", "FORWARD"))
     for artifact in artifacts_of(scene):
         if news := news_of(scene, artifact):

@@ -64,6 +64,8 @@ def stage():
 def test_rigs_that_importers_call_all_alike_are_called_as_their_meshes(capfd):
     scene = bpy.context.scene
     parts = {"Armature": ("Witch_Body", "Witch_Head.001"), "CharacterArmature.001": ("Stag",)}
+    parts["Rig.002"] = ("Knight_Body", "Knight_Head", "1H_Sword")
+    parts["Rig.003"] = ("Cube.001", "Cube.002")
     for owner, names in (*parts.items(), ("Rig", ("Hat", "Coat")), ("Hero", ("Cape",))):
         bones = rig(owner)
         scene.collection.objects.link(bones)
@@ -72,8 +74,11 @@ def test_rigs_that_importers_call_all_alike_are_called_as_their_meshes(capfd):
             scene.collection.objects.link(body)
             skin(body, bones)
     press(*scene.objects)
-    assert sorted(groups()) == ["Hero", "Rig", "Stag", "Witch"]
-    assert "Added Hero, Rig, Stag, Witch to the collection Characters." in capfd.readouterr().out
+    assert sorted(groups()) == ["Hero", "Knight", "Rig", "Rig.003", "Stag", "Witch"]
+    assert (
+        "Added Hero, Knight, Rig, Rig.003, Stag, Witch to the collection Characters."
+        in capfd.readouterr().out
+    )
 
 
 def test_a_selected_rig_takes_its_meshes_along_and_a_mesh_its_rig(stage, capfd):

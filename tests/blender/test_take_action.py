@@ -47,9 +47,8 @@ def rename(armature, prefix):
 def test_a_character_without_an_action_is_told_with_the_way_out(skinned):
     settings = bpy.context.scene.crowd_lod
     bpy.ops.crowd_lod.populate()
-    assert (
-        "someone has a rig that plays no action, and would glide in its bind pose: import the file"
-        in told(bpy.context.scene)
+    assert "someone plays no action and would glide in the bind pose: import the file" in told(
+        bpy.context.scene
     )
     bent("motion")
     bpy.ops.crowd_lod.populate()
@@ -90,7 +89,7 @@ def test_two_who_would_glide_are_told_in_one_line(skinned):
         bpy.data.collections["other"].objects.link(item)
     bpy.ops.crowd_lod.populate()
     (line,) = (line for line in steps.messages(bpy.context.scene) if line.remedy)
-    assert line.sentence.startswith("other, someone have a rig that plays no action, and would")
+    assert line.sentence.startswith("other, someone play no action and would")
 
 
 def top(armature, frame):
@@ -197,11 +196,11 @@ def test_of_several_actions_of_a_file_the_walk_is_taken_and_that_is_said():
     assert "agree" not in told(bpy.context.scene)
     armature.animation_data.action = bpy.data.actions["agree"]
     scene = bpy.context.scene
-    (sentence,) = take_walks(scene, [item])
-    assert sentence == "skin now plays walk (chosen by name) instead of agree."
+    (sentence,) = take_walks(scene, "Witch", [item])
+    assert sentence == "Witch now plays walk (chosen by name) instead of agree."
     armature.animation_data.action = bpy.data.actions["skin walk"].copy()
     armature.animation_data.action.name = "dance of its own"
-    assert [*take_walks(scene, [item])] == []
+    assert [*take_walks(scene, "Witch", [item])] == []
 
 
 def test_without_a_name_the_action_is_taken_that_moves_forward_at_a_persons_speed():
@@ -222,16 +221,16 @@ def test_without_a_name_the_action_is_taken_that_moves_forward_at_a_persons_spee
     bpy.ops.crowd_lod.populate()
     walk = "walks by the action nod, and its file has march (chosen by its speed): press"
     assert walk in told(bpy.context.scene) and not changed_since_populate(bpy.context.scene)
-    (sentence,) = take_walks(bpy.context.scene, [armature, item])
+    (sentence,) = take_walks(bpy.context.scene, "Witch", [armature, item])
     assert armature.animation_data.action.name == "march"
-    assert sentence == "skin now plays march (chosen by its speed) instead of nod."
-    assert [*take_walks(bpy.context.scene, [armature, item])] == []
+    assert sentence == "Witch now plays march (chosen by its speed) instead of nod."
+    assert [*take_walks(bpy.context.scene, "Witch", [armature, item])] == []
     armature.animation_data.action = bpy.data.actions["nod"]
     for name in ("march", "saunter"):
         bpy.data.actions.remove(bpy.data.actions[name])
-    (sentence,) = take_walks(bpy.context.scene, [armature, item])
+    (sentence,) = take_walks(bpy.context.scene, "Witch", [armature, item])
     assert sentence == (
-        "skin plays nod, and no action of its file is called a walk: press Populate, and choose the "
+        "Witch plays nod, and no action of its file is called a walk: press Populate, and choose the "
         "one to walk by in Character Groups."
     )
 

@@ -170,7 +170,7 @@ def test_update_all_asks_before_it_makes_lods_of_a_character_without_an_action(n
     assert [group.name for group in newcomer.crowd_lod.groups] == ["Newcomer", "someone"]
     assert MAKE in due_steps(newcomer)
     first, *_ = steps.messages(newcomer)
-    assert "Newcomer has a rig that plays no action" in first.sentence
+    assert "Newcomer plays no action" in first.sentence
     assert first.remedy == "crowd_lod.take_action"
     assert bpy.ops.crowd_lod.take_action(still=True) == {"FINISHED"}
     assert not any("plays no action" in line.sentence for line in steps.messages(newcomer))

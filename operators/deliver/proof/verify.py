@@ -267,8 +267,7 @@ def _show_places(path: Path) -> None:
 
 class CROWDLOD_OT_verify(Stepwise, bpy.types.Operator):
     bl_description = (
-        "Render a few frames of the build beside everyone at full detail, compare them, and "
-        "write a report"
+        "Render a few frames as built and at full detail, compare them, and write a report"
     )
     bl_idname = "crowd_lod.verify"
     bl_label = "Verify"

@@ -187,8 +187,10 @@ USUAL = 1.25  # meters a second, of most
 LEVEL = 0.2  # of a way: who ends so much higher or lower does not walk
 
 
-def take_walks(scene: bpy.types.Scene, items: Sequence[bpy.types.Object]) -> Iterator[str]:
-    """Let the rigs among the items play the walk of their file.
+def take_walks(
+    scene: bpy.types.Scene, name: str, items: Sequence[bpy.types.Object]
+) -> Iterator[str]:
+    """Let the rigs among the items of the character `name` play the walk of their file.
 
     Yield a sentence on each, or a question.
     """
@@ -200,10 +202,10 @@ def take_walks(scene: bpy.types.Scene, items: Sequence[bpy.types.Object]) -> Ite
         if fit is not None:
             action = take(rig, fit)
             chosen = chosen_by(is_called_a_walk(fit.action))
-            yield f"{rig.name} now plays {action.name} ({chosen}) instead of {before.name}."
+            yield f"{name} now plays {action.name} ({chosen}) instead of {before.name}."
         elif not _walks(scene, rig, items, before):
             yield (
-                f"{rig.name} plays {before.name}, and no action of its file is called a walk: "
+                f"{name} plays {before.name}, and no action of its file is called a walk: "
                 f"press Populate, and choose the one to walk by in Character Groups."
             )
 

@@ -3,6 +3,7 @@
 import math
 import os
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -169,22 +170,26 @@ def is_fixed(item: bpy.types.Object) -> bool:
 
 MOST_NAMES = 6  # in a message
 MOST_LINES = 20  # in the list of what is read
-# names of rigs in any file
+# names of rigs, and of meshes, in any file
 OF_IMPORTERS = re.compile(
     r"(character|animal|human)?[ _]?(armature|rig|metarig|skeleton|root)(\.\d+)?", re.IGNORECASE
 )
+OF_BLENDER = ("Cube", "Sphere", "Icosphere", "Cylinder", "Plane", "Circle", "Cone", "Torus", "Mesh")
 
 
 def name_of(root: bpy.types.ID, items: Sequence[bpy.types.Object]) -> str:
     """Return what a character of these objects is called: as its root, or, where that has a name
-    that importers give to all, by the words that its meshes' names begin with.
+    that importers give to all, by the words that most of its meshes' names begin with.
     """
     names = [item.name for item in items if is_shape(item)]
-    shared = os.path.commonprefix([re.findall(r"[^ _.]*[^ _.0-9][^ _.]*", name) for name in names])
     has_lods = any(label_of(name).number is not None for name in names)
-    if not shared or has_lods or not OF_IMPORTERS.fullmatch(root.name):
+    if has_lods or not OF_IMPORTERS.fullmatch(root.name):
         return root.name
-    return "_".join(shared)
+    words = [re.findall(r"[^ _.]*[^ _.0-9][^ _.]*", name) for name in names]
+    words = [each for each in words if each and each[0] not in OF_BLENDER]
+    (first, count), *_ = Counter(each[0] for each in words).most_common(1) or [("", 0)]
+    shared = os.path.commonprefix([each for each in words if each[0] == first])
+    return "_".join(shared) if 2 * count > len(names) else root.name
 
 
 def _home(
@@ -361,7 +366,11 @@ class CROWDLOD_OT_characters_from_selection(Reporting, bpy.types.Operator):
                 move_to(item, homes[root], scene)
         brought = [_bring(scene, top, *pair) for pair in reading.instanced.items()]
         finest = [*(homes[group.owner] for group in Reading(moved, {}).groups()), *brought]
-        walks = [note for items in moved.values() for note in take_walks(scene, items)]
+        walks = [
+            note
+            for root, items in moved.items()
+            for note in take_walks(scene, homes[root].name, items)
+        ]
         notes = [*walks, *_given_notes(scene, top, moved), *_instance_notes(reading), *notes]
         return " ".join([f"Added {_listed(finest)} to the collection {top.name}.", *notes])
 

@@ -13,7 +13,7 @@ from .motionless import STANDS_STILL, motionless, nodding, owner_of, questions, 
 
 
 class CROWDLOD_OT_take_action(Reporting, bpy.types.Operator):
-    """Give rigs that play no action the walk of the file that fits their bones"""
+    """Give rigs without an action the walk in the file that fits their bones"""
 
     bl_idname = "crowd_lod.take_action"
     bl_label = "Take Action"
@@ -80,7 +80,8 @@ def _stand_still(scene: bpy.types.Scene, group: str) -> str:
     for name in names:
         owner_of(scene, name)[STANDS_STILL] = True
     questions.drop(scene)
-    return f"{listed(names)} now stand still in the crowd, without an action."
+    verb = "stands" if len(names) == 1 else "stand"
+    return f"{listed(names)} now {verb} still in the crowd, without an action."
 
 
 CLASSES = (CROWDLOD_OT_take_action,)

@@ -42,7 +42,7 @@ def notes_on_hanging(scene: bpy.types.Scene) -> Iterator[Message]:
 
 
 class CROWDLOD_OT_take_along(Reporting, bpy.types.Operator):
-    """Move what hangs on a character into its collection, so that agents wear it"""
+    """Move objects parented to a character into its collection, so that agents wear them"""
 
     bl_idname = "crowd_lod.take_along"
     bl_label = "Take Along"

@@ -192,8 +192,8 @@ class CROWDLOD_OT_mark_as_prop(Reporting, bpy.types.Operator):
 
 class CROWDLOD_OT_make_slot(Reporting, bpy.types.Operator):
     bl_description = (
-        "Put the selected objects of a character group in a slot, of which each agent wears one or "
-        "none; with none selected, make the active collection a slot"
+        "Put the selected objects of a character group in a slot: each agent wears one of them, or "
+        "none. With nothing selected, make the active collection a slot"
     )
     bl_idname = "crowd_lod.make_slot"
     bl_label = "Make Slot"
