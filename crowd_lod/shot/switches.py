@@ -127,6 +127,11 @@ class Verdict:
     clipped: Clipped | None = None
 
     @property
+    def notable(self) -> bool:
+        """Whether there is anything that a viewer may notice."""
+        return self.change is not None or self.clipped is not None
+
+    @property
     def sentence(self) -> str:
         change = self.change.sentence if self.change else "No visible LOD switches."
         return f"{change} {self.clipped.sentence}" if self.clipped else change

@@ -59,6 +59,6 @@ def describe_images(scene: bpy.types.Scene) -> str:
         return ""
     remedy = " With a texture cache Cycles loads only what pixels show of them."
     return (
-        f"The characters' images take {byte_size(size)} in full."
+        f"The characters' images take {byte_size(size)} at full size."
         f"{remedy if can_use_cache(scene) else ''}"
     )

@@ -315,9 +315,10 @@ def sentence(planned: PlannedShot) -> str:
         if plan.tolerance
         else ""
     )
+    verdict = planned.report.verdict
+    worst = f"{verdict.sentence} " if verdict.notable else ""
     return (
-        f"{planned.report.verdict.sentence} "
-        f"{counted(frames, 'frame')} of {planned.report.people} planned: "
+        f"{worst}{counted(frames, 'frame')} of {planned.report.people} planned: "
         f"{counted(bill.switches.sum(), 'visible LOD switch', 'visible LOD switches')} "
         f"({before.switches.sum():,} without a plan), within {plan.bound:.1%} of the optimal cost."
         f"{raised}"

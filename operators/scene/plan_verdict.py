@@ -7,7 +7,7 @@ from dataclasses import asdict, astuple
 import bpy
 
 from ...crowd_lod.shot.budget import BudgetPoint
-from ...crowd_lod.shot.switches import read_verdict
+from ...crowd_lod.shot.switches import Verdict, read_verdict
 from ..blender.callbacks import handler
 from ..blender.output_folders import full_path, is_saving
 
@@ -41,11 +41,17 @@ def note_plan_files(*_) -> None:
             note_plan_file(scene.crowd_lod)
 
 
+def stored_verdict(settings) -> Verdict | None:
+    """Return the verdict on the shot whose plan the settings refer to; None without one."""
+    with suppress(ValueError, LookupError, TypeError):  # a script may have put anything there
+        return read_verdict(json.loads(settings.shot_verdict))
+    return None
+
+
 def verdict_in_words(settings) -> str:
     """Return the verdict on the shot whose plan the settings refer to; "" without one."""
-    with suppress(ValueError, LookupError, TypeError):  # a script may have put anything there
-        return read_verdict(json.loads(settings.shot_verdict)).sentence
-    return ""
+    verdict = stored_verdict(settings)
+    return verdict.sentence if verdict else ""
 
 
 def plan_verdict(settings, unplanned: str = "") -> str:

@@ -42,7 +42,7 @@ class CROWDLOD_PT_build(StepPanel, bpy.types.Panel):
         row.operator("crowd_lod.remove_build", text="", icon="TRASH")
         wide(layout, settings, "render_source_characters")
         if settings.build is not None and (size := settings.build.get(IMAGE_BYTES)):
-            label(layout, f"Images: {byte_size(size)} in full", "IMAGE_DATA")
+            label(layout, f"Images: {byte_size(size)} at full size", "IMAGE_DATA")
             if can_use_cache(context.scene):
                 wide(layout, context.scene.render, "use_texture_cache")
                 wide(layout, context.scene.render, "use_auto_generate_texture_cache")

@@ -7,7 +7,7 @@ import bpy
 from ...crowd_lod.shot.budget import budget_sentence, fitting_point, least_possible
 from ..blender import scene_data
 from ..freshness.artifacts import PLAN, reason_in, stale, words_of
-from ..scene.plan_verdict import verdict_in_words
+from ..scene.plan_verdict import stored_verdict
 from ..scene.sources.crowd_overrides import CROWD_TYPES
 from ..settings.stored_figures import LIMITS, budget_of, possible_budgets
 from ..viewport import viewport_overlay
@@ -38,9 +38,10 @@ def _draw_plan(context, layout, settings) -> None:
     row.prop(settings, "use_shot_plan", toggle=True)
     report_button(row, "PLAN")
     paragraph(layout, *describe_hold(context.scene), letters_of(context))
-    if verdict := verdict_in_words(settings):
-        paragraph(layout, verdict, "HIDE_OFF", letters_of(context))
-    layout.operator("crowd_lod.go_to_switch", icon="VIEWZOOM")
+    if verdict := stored_verdict(settings):
+        paragraph(layout, verdict.sentence, "HIDE_OFF", letters_of(context))
+        if verdict.notable:
+            layout.operator("crowd_lod.go_to_switch", icon="VIEWZOOM")
     if possible_budgets(settings):
         layout.popover(
             "CROWDLOD_PT_error_curve",

@@ -105,9 +105,9 @@ def image_memory(crowd):
 
 
 def test_build_and_bake_say_what_images_take(crowd):
-    assert "The characters' images take 4.19 MB in full." in finished(build_live(crowd))
+    assert "The characters' images take 4.19 MB at full size." in finished(build_live(crowd))
     assert crowd.crowd_lod.build[IMAGE_BYTES] == 4 * SIZE**2
-    assert "The characters' images take 4.19 MB in full." in finished(bake_frames(crowd))
+    assert "The characters' images take 4.19 MB at full size." in finished(bake_frames(crowd))
     bpy.data.materials["skin"].node_tree.nodes.clear()
     assert "images" not in finished(build_live(crowd))
 

@@ -93,22 +93,17 @@ def add_goal(crowd, place, size=1.0, share=1.0, is_exit=True):
 
 def plane(name, x, y, size):
     """A level rectangle about a place."""
-    mesh = bpy.data.meshes.new(name)
     corners = [
-        (x + i * size[0] / 2, y + j * size[1] / 2, 0)
-        for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1))
+        (x + i * size[0] / 2, y + j * size[1] / 2) for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1))
     ]
-    mesh.from_pydata(corners, [], [(0, 1, 2, 3)])
+    return level(name, corners, [(0, 1, 2, 3)])
+
+
+def level(name, places, faces=()):
+    """A level mesh with vertices at the places (x, y)."""
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata([(*place, 0) for place in places], [], faces)
     item = bpy.data.objects.new(name, mesh)
-    bpy.context.scene.collection.objects.link(item)
-    return item
-
-
-def points(places):
-    """A mesh of vertices alone, at the places (x, y)."""
-    mesh = bpy.data.meshes.new("points")
-    mesh.from_pydata([(*place, 0) for place in places], [], [])
-    item = bpy.data.objects.new("points", mesh)
     bpy.context.scene.collection.objects.link(item)
     return item
 
@@ -271,7 +266,7 @@ def test_streams_that_cross_do_not_jam(square):
         crowd.size = (40, 40)
         crowd.simulated_seconds = 50
         rows = [(-9 + column / 2, row / 2 - 1.25) for column in range(10) for row in range(6)]
-        spawn_on(crowd, points([place[::-1] if turned else place for place in rows]))
+        spawn_on(crowd, level("rows", [place[::-1] if turned else place for place in rows]))
         add_goal(crowd, (0, 15) if turned else (15, 0), size=2)
     together = simulate(square)
     assert [len(rows[rows[:, 0] == 0]) for rows in together] == [60, 60]

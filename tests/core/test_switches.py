@@ -128,7 +128,8 @@ def test_the_verdict_tells_the_largest_switch_and_the_frame_in_which_most_are_cl
 def test_the_verdict_on_a_still_shot_is_that_nothing_changes():
     shot = some_shot(0, agents=0)
     found = noticed(shot, shot.survey.coarsest, RADIUS)
-    assert verdict_of(shot.survey, found, [], 1.0).sentence == "No visible LOD switches."
+    verdict = verdict_of(shot.survey, found, [], 1.0)
+    assert verdict.sentence == "No visible LOD switches." and not verdict.notable
 
 
 def test_the_two_that_the_verdict_names_are_gone_to_first(tmp_path):
