@@ -36,6 +36,8 @@ LIMITED: dict[str, tuple[str, Callable[[float], str]]] = {
     "memory": ("Memory", lambda value: f"{value / 1e6:,.1f} MB"),
     "finest": ("Agents at LOD 0", lambda value: f"{value:,.0f}"),
 }
+# the noun that follows a value in a sentence
+COUNTED = {"triangles": " triangles", "memory": "", "finest": " agents at LOD 0"}
 
 
 @dataclass(frozen=True)

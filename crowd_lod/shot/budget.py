@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import CrowdError
 from ..format import number
-from ..levels.budget_fit import LIMITED, Budget
+from ..levels.budget_fit import COUNTED, LIMITED, Budget
 from ..levels.cost_model import price
 from ..levels.selection import least_tolerance
 from ..progress import Workload, open_ended_progress
@@ -293,10 +293,10 @@ def budget_sentence(points: Sequence[BudgetPoint], budget: Budget) -> str:
         return f"Fits, with errors of up to {number(fitting.pixels)} px."
     least = least_possible(points, budget)
     first = next(p for p in points if all(getattr(p, name) <= least[name] for name in least))
-    limit_names = " and ".join(
-        f"{LIMITED[name][0]} {LIMITED[name][1](value)}" for name, value in least.items()
+    limits = " and ".join(
+        f"{LIMITED[name][1](value)}{COUNTED[name]}" for name, value in least.items()
     )
     return (
-        f"Too low for these LODs: at least {limit_names} (errors of up to {number(first.pixels)} "
-        f"px). Make LOD Meshes, by tolerance, can make coarser ones."
+        f"Too low for these LODs: at least {limits} (errors of up to {number(first.pixels)} px). "
+        f"Make LOD Meshes, by tolerance, can make coarser ones."
     )

@@ -326,9 +326,9 @@ def test_points_of_error_against_cost_end_at_the_least_that_is_possible():
     assert [*points] == sorted(points, key=lambda point: -point.triangles)
     least = points[-1]
     for name, words in (
-        ("triangles", "at least Triangles"),
+        ("triangles", "triangles (errors"),
         ("finest", ""),
-        ("memory", "at least Memory"),
+        ("memory", "MB (errors"),
     ):
         value = getattr(least, name)
         possible = Budget(**{name: value})

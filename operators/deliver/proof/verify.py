@@ -285,8 +285,9 @@ class CROWDLOD_OT_verify(Stepwise, bpy.types.Operator):
         made_of = proof_parts(scene)
         result = yield from verify(scene, task, ["sidebar"])
         _show_places(task.folder / f"frame_{worst_frame(result):04d}_places.png")
-        sentence = f"{verdict(result)} The report is in {place_of(task.folder)}."
-        note_proof(scene, ProofResult(sentence, result["ok"], made_of, worst_agent(result)))
+        found = verdict(result)
+        note_proof(scene, ProofResult(found, result["ok"], made_of, worst_agent(result)))
+        sentence = f"{found} The report is in {place_of(task.folder)}."
         if not result["ok"]:
             raise CrowdError(sentence)  # the report stays
         return sentence
