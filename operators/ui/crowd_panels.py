@@ -110,10 +110,11 @@ class CROWDLOD_PT_groups(StepPanel, bpy.types.Panel):
 
 def _draw_measured(context, layout, group: bpy.types.PropertyGroup) -> None:
     """Draw what Populate measured of a group."""
-    plays = f"stride {length(context, group.stride)}" if group.stride else "plays by time"
-    pace = speed(context, group.stride or group.way, group.period)
-    found = f"Radius {length(context, group.radius)}, {plays}, {pace}"
-    paragraph(layout, found, "INFO", letters_of(context))
+    found = [f"Radius {length(context, group.radius)}"]
+    found.append(f"stride {length(context, group.stride)}" if group.stride else "plays by time")
+    if way := group.stride or group.way:
+        found.append(speed(context, way, group.period))
+    paragraph(layout, ", ".join(found), "INFO", letters_of(context))
     if group.way and not group.stride:
         kinds = CrowdLodGroup.bl_rna.properties["plays"].enum_items
         paragraph(layout, kinds[group.plays].description, "INFO", letters_of(context))
