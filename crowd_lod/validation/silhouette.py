@@ -25,6 +25,7 @@ NEAR = 15  # times that error: more is not looked at closer
 CLOSER = 12
 TILE = 48
 MOST_TILES = 12
+BESIDE = 2  # pixels about these places that are looked at, too
 
 
 def directions() -> np.ndarray:
@@ -149,32 +150,48 @@ def _interval(
     most = off.max(initial=0.0)
     if not most or most + ERROR <= least or most > NEAR * ERROR:
         return max(most - ERROR, 0.0), most and most + ERROR
-    far = np.stack([column, row], axis=1)[off > most - 2 * ERROR]
+    farthest = off > most - 2 * ERROR
+    far = np.stack([column, row], axis=1)[farthest]
     tiles, of_tile = np.unique(far // TILE, axis=0, return_inverse=True)
     if len(tiles) > MOST_TILES:
         return max(most - ERROR, 0.0), most + ERROR
+    of_tile = of_tile.ravel()
+    reach = np.zeros(len(tiles))
+    np.maximum.at(reach, of_tile, off[farthest])
     margin = int(np.ceil(most + 2 * ERROR))
     closest = 0.0
-    size = TILE + 2 * margin
-    closer = max(2, min(CLOSER, MOST_PIXELS // size))
-    around = np.stack(np.meshgrid(range(-2, 3), range(-2, 3)), axis=-1).reshape(-1, 1, 2)
-    for k, tile in enumerate(tiles * TILE):
-        windows = []
-        for corners in (area, other_area):
-            corners = corners - (tile - margin)
-            inside = ((corners.max(axis=1) >= 0) & (corners.min(axis=1) <= size)).all(axis=1)
-            windows.append(
-                silhouette_mask(corners[inside] * closer, (size * closer, size * closer))
-            )
-        # only the places that are farthest, and what lies about them
-        near = np.zeros((size, size), bool)
-        x, y = (
-            (far[of_tile.ravel() == k] - tile + margin + around).reshape(-1, 2).T.clip(0, size - 1)
-        )
-        near[y, x] = True
-        windows[0] &= near.repeat(closer, axis=0).repeat(closer, axis=1)
-        closest = max(closest, outside(windows[0], windows[1])[2].max(initial=0.0) / closer)
+    closer = max(2, min(CLOSER, MOST_PIXELS // (TILE + 2 * margin)))
+    for k in np.argsort(-reach):
+        if reach[k] + ERROR <= max(closest, least):
+            break
+        closest = max(closest, _look(area, other_area, far[of_tile == k], margin, closer))
     return max(closest - ERROR / closer, 0.0), max(closest + ERROR / closer, most - ERROR)
+
+
+def _look(
+    area: np.ndarray, other_area: np.ndarray, places: np.ndarray, margin: int, closer: int
+) -> float:
+    """Return the pixels by which `area` reaches out of `other_area` about `places`.
+
+    area, other_area: (m, 3, 2), corners of triangles. places: (n, 2) int, pixels: column, row.
+    margin: pixels about the places in which the nearest of `other_area` is. closer: how many times
+    finer than a pixel is looked.
+    """
+    low = places.min(axis=0) - BESIDE - margin
+    size = places.max(axis=0) + BESIDE + margin + 1 - low
+    columns, rows = size
+    windows = []
+    for corners in (area, other_area):
+        corners = corners - low
+        inside = ((corners.max(axis=1) >= 0) & (corners.min(axis=1) <= size)).all(axis=1)
+        windows.append(silhouette_mask(corners[inside] * closer, (rows * closer, columns * closer)))
+    beside = range(-BESIDE, BESIDE + 1)
+    around = np.stack(np.meshgrid(beside, beside), axis=-1).reshape(-1, 1, 2)
+    x, y = (places - low + around).reshape(-1, 2).T
+    near = np.zeros((rows, columns), bool)
+    near[y, x] = True
+    windows[0] &= near.repeat(closer, axis=0).repeat(closer, axis=1)
+    return outside(windows[0], windows[1])[2].max(initial=0.0) / closer
 
 
 def silhouette_mask(corners: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
