@@ -5,6 +5,7 @@ import shutil
 import bpy
 import crowd_lod_extension
 import pytest
+from crowd_lod_extension.crowd_lod.simplification import decimate
 from crowd_lod_extension.operators.blender import sidebar_answers
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 
@@ -28,6 +29,13 @@ def empty_file(registered):
 def at_once(monkeypatch):
     """The sidebar looks at the scene again whenever it is drawn, not once a second."""
     monkeypatch.setattr(sidebar_answers, "LOOK", 0.0)
+
+
+@pytest.fixture
+def rough_lods(monkeypatch):
+    """LODs are moved nearer to their characters once, which takes half of the time otherwise."""
+    monkeypatch.setattr(decimate, "ROUNDS", (1, 1))
+    monkeypatch.setattr(decimate, "RESAMPLINGS", 0)
 
 
 @pytest.fixture
@@ -150,7 +158,14 @@ def one_level(saved_once, request):
     Pictures of LODs and their silhouettes take three quarters of a small preview.
     """
     name = f"one level {_finer(request)}"
-    return saved_once(name, lambda: _make_one_level(request.getfixturevalue("scene")))
+    return saved_once(name, lambda: _level_one_group(request.getfixturevalue("scene"), 1))
+
+
+@pytest.fixture
+def two_levels(saved_once, request):
+    """The small crowd of one group and one LOD: a preview of it takes a quarter of the time."""
+    name = f"two levels {_finer(request)}"
+    return saved_once(name, lambda: _level_one_group(request.getfixturevalue("scene"), 2))
 
 
 @pytest.fixture
@@ -166,10 +181,10 @@ def _finer(request) -> int:
     return getattr(request.module, "FINER", CAGE)
 
 
-def _make_one_level(scene):
+def _level_one_group(scene, levels):
     people = scene.crowd_lod.characters
     people.children.unlink(people.children["child"])
-    scene.crowd_lod.level_count = 1
+    scene.crowd_lod.level_count = levels
     _level(scene)
 
 

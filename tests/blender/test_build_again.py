@@ -22,6 +22,8 @@ from crowd_lod_extension.operators.scene.characters.group_measuring import measu
 from crowd_lod_extension.operators.scene.characters.stored_groups import groups_of, store_groups
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 
+pytestmark = pytest.mark.usefixtures("rough_lods")
+
 
 def visible():
     """World positions of all instances, sorted."""
@@ -186,15 +188,16 @@ def test_characters_are_made_anew_only_where_something_changed(levelled, change)
 
 
 @pytest.mark.once
-def test_a_level_more_or_less_adds_or_takes_its_points_and_poses(built):
+def test_a_level_more_or_less_adds_or_takes_its_points_and_poses(two_levels):
+    list(render_setup.build(read_crowd(two_levels)))
     whole = counts()
-    for levels, number in ((2, 2), (3, 3)):
-        built.crowd_lod.level_count = levels
-        list(make_levels(built))
-        list(render_setup.build(read_crowd(built)))
-        built.frame_set(2)
-        shown = {(kind, level) for kind in shelves.BucketKind for level in range(number)}
-        assert shelves.points_of(built.crowd_lod.build).keys() == shown
+    for levels in (3, 2):
+        two_levels.crowd_lod.level_count = levels
+        list(make_levels(two_levels))
+        list(render_setup.build(read_crowd(two_levels)))
+        two_levels.frame_set(2)
+        shown = {(kind, level) for kind in shelves.BucketKind for level in range(levels)}
+        assert shelves.points_of(two_levels.crowd_lod.build).keys() == shown
         assert len(visible())
     assert counts() == whole
 
@@ -241,7 +244,9 @@ def test_a_tree_of_the_users_by_our_name_is_let_alone(levelled):
 
 
 @pytest.mark.once
-def test_two_scenes_have_builds_of_their_own(built):
+def test_two_scenes_have_builds_of_their_own(two_levels):
+    built = two_levels
+    list(render_setup.build(read_crowd(built)))
     other = built.copy()
     other.crowd_lod.build = other.crowd_lod.levels = None
     other.collection.children.unlink(built.crowd_lod.build)

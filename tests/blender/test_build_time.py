@@ -33,16 +33,21 @@ def columns(scene, *names):
 
 @pytest.fixture
 def cut(built):
+    """The small crowd, built; see cut_to_another."""
+    cut_to_another(built)
+    return built
+
+
+def cut_to_another(scene):
     """From frame 11 on another camera films, which looks the other way; until then the first
     marker's.
     """
-    other = bpy.data.objects.new("Other camera", built.camera.data.copy())
-    built.collection.objects.link(other)
+    other = bpy.data.objects.new("Other camera", scene.camera.data.copy())
+    scene.collection.objects.link(other)
     other.location = (0, 25, 2)
     other.rotation_euler = (1.5, 0, np.pi)
-    for frame, camera in ((5, built.camera), (11, other)):
-        built.timeline_markers.new(camera.name, frame=frame).camera = camera
-    return built
+    for frame, camera in ((5, scene.camera), (11, other)):
+        scene.timeline_markers.new(camera.name, frame=frame).camera = camera
 
 
 @pytest.mark.parametrize("stretch", [100, 200, 70])
@@ -93,7 +98,12 @@ def test_a_bake_films_a_cut_with_each_frames_own_camera(cut):
 
 
 @pytest.mark.once
-def test_a_preview_of_a_cut_has_each_frames_own_camera_and_its_view_from_above(cut, tmp_path):
+def test_a_preview_of_a_cut_has_each_frames_own_camera_and_its_view_from_above(
+    two_levels, tmp_path
+):
+    cut = two_levels
+    cut_to_another(cut)
+    list(render_setup.build(read_crowd(cut)))
     plan = finished(preview(cut, Preview([10, 11], tmp_path / "cut", 96), []))
     pictures = []
     for number in (10, 11):

@@ -289,6 +289,7 @@ def pictured(scene, tmp_path):
     return lit(tmp_path, 1.0)[:, 1].min() + 1.0
 
 
+@pytest.mark.once
 def test_new_crowds_stand_on_their_lowest_point(sunk, tmp_path):
     settings = sunk.crowd_lod
     lit(tmp_path, 1.0)  # a camera
@@ -322,6 +323,7 @@ def test_new_crowds_stand_on_their_lowest_point(sunk, tmp_path):
     )
 
 
+@pytest.mark.once
 def test_crowds_of_today_keep_their_feet(sunk, tmp_path):
     settings = sunk.crowd_lod
     lit(tmp_path, 1.0)

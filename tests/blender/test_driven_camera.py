@@ -10,8 +10,10 @@ from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import cameras, evaluation
 from crowd_lod_extension.operators.build import shelves
 from crowd_lod_extension.operators.build.bake import bake
+from crowd_lod_extension.operators.build.render_setup import build
 from crowd_lod_extension.operators.deliver.preview.preview import Preview, preview
 from crowd_lod_extension.operators.deliver.proof.verify import Verify, verify
+from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 
 from ..support.scene_frames import frame_now
 
@@ -202,7 +204,9 @@ def test_a_bake_shows_whom_the_build_shows(built, way):
 
 
 @pytest.mark.once
-def test_a_preview_shows_whom_the_build_shows_and_leaves_it_as_it_was(built, tmp_path):
+def test_a_preview_shows_whom_the_build_shows_and_leaves_it_as_it_was(two_levels, tmp_path):
+    built = two_levels
+    finished(build(read_crowd(built)))
     live, shown = played(built, by_frame, [4, 12])
     plan = finished(preview(built, Preview([12], tmp_path / "preview", 64), []))
     assert plan["frames"][0]["visible"] == sum(map(len, live[12].values()))

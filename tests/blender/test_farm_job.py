@@ -38,12 +38,12 @@ runpy.run_path(sys.argv[sys.argv.index("--python") + 1])
 
 
 @pytest.fixture
-def job(levelled, tmp_path):
-    levelled.crowd_lod.count = 40
-    levelled.frame_step = 3
-    levelled.render.engine = "CYCLES"
-    levelled.cycles.samples = 1
-    levelled.render.resolution_percentage = 50
+def job(two_levels, tmp_path):
+    two_levels.crowd_lod.count = 40
+    two_levels.frame_step = 3
+    two_levels.render.engine = "CYCLES"
+    two_levels.cycles.samples = 1
+    two_levels.render.resolution_percentage = 50
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "crowd.blend"))
     assert (
         run(

@@ -166,6 +166,7 @@ def test_an_edited_lod_makes_the_lods_stale_and_is_measured_again():
     assert after[0] == before[0] and after[1] > before[1] + 0.005
 
 
+@pytest.mark.once
 def test_by_distance_they_come_first_and_the_others_are_coarser():
     scene = bpy.context.scene
     take_people(scene, 2)

@@ -13,6 +13,8 @@ from crowd_lod_extension.operators.lods.make_lods import make_levels
 
 from ..support.characters import character, new, rig, skin, tube
 
+pytestmark = pytest.mark.usefixtures("rough_lods")
+
 
 def lods(scene):
     """The LOD objects by their names."""
@@ -61,6 +63,7 @@ def test_nothing_changed_keeps_everything_also_after_saving(two, tmp_path):
     ] == [[f"000 one LOD {k}", f"001 two LOD {k}"] for k in range(2)]
 
 
+@pytest.mark.once
 def test_a_scaled_character_with_a_material_is_made_and_kept_as_any_other(two):
     other = bpy.data.objects["other"]
     other.scale = 1.5, 1.5, 1.5
@@ -233,6 +236,7 @@ def test_what_is_deleted_between_two_steps_is_one_sentence_and_nothing_is_left(m
     } == before and made.crowd_lod.levels == levels
 
 
+@pytest.mark.once
 def test_progress_rises_from_0_to_1_with_a_step_for_each_object_and_lod(two):
     progress = list(make_levels(two))
     assert (

@@ -8,6 +8,8 @@ from crowd_lod_extension.operators.blender import mesh_data
 from ..support.characters import character, new, rig, skin, tube
 from .test_level_sources import make_lods, world
 
+pytestmark = pytest.mark.usefixtures("rough_lods")
+
 
 def test_faces_that_only_a_modifier_makes_count():
     line = bpy.data.meshes.new("line")

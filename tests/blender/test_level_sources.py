@@ -10,6 +10,8 @@ from crowd_lod_extension.operators.lods.make_lods import make_levels
 
 from ..support.characters import character, new, rig, skin, tube
 
+pytestmark = pytest.mark.usefixtures("rough_lods")
+
 
 def make_lods(k=None):
     """The LODs' collection; of LOD `k` the objects by name."""

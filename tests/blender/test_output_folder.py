@@ -14,6 +14,8 @@ from crowd_lod_extension.operators.scene.plan_verdict import verdict_in_words
 from ..support.freshness import changed_since_build
 from ..support.scene_frames import frame_now
 
+pytestmark = pytest.mark.once  # the same on every Blender
+
 
 def small(scene):
     """Few agents, one LOD, one frame of few pixels."""
@@ -217,7 +219,6 @@ def test_a_record_of_points_moves_along(tmp_path):
         assert file.files
 
 
-@pytest.mark.once
 def test_a_plan_that_is_copied_or_made_again_alike_leaves_the_build_as_it_is(
     scene, tmp_path, at_once
 ):

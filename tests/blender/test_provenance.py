@@ -130,16 +130,18 @@ def test_nothing_is_read_twice_while_nothing_changes(levelled):
 
 
 @pytest.mark.once
-def test_a_plan_is_not_used_after_a_lod_was_edited_and_strict_is_strict(levelled, tmp_path, capfd):
-    settings = levelled.crowd_lod
+def test_a_plan_is_not_used_after_a_lod_was_edited_and_strict_is_strict(
+    two_levels, tmp_path, capfd
+):
+    settings = two_levels.crowd_lod
     settings.frames = "1:3"
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "a.blend"))
     assert bpy.ops.crowd_lod.plan_shot() == {"FINISHED"}
-    levelled.frame_set(2)
-    assert frame_now(levelled, bpy.context.evaluated_depsgraph_get()).planned
-    level(levelled, 1).data.vertices[0].co.z += 0.3
+    two_levels.frame_set(2)
+    assert frame_now(two_levels, bpy.context.evaluated_depsgraph_get()).planned
+    level(two_levels, 1).data.vertices[0].co.z += 0.3
     words = "LOD 1 of adult changed since it was made"
-    frame = frame_now(levelled, bpy.context.evaluated_depsgraph_get())
+    frame = frame_now(two_levels, bpy.context.evaluated_depsgraph_get())
     assert not frame.planned and words in frame.unplanned
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "b.blend"))
     capfd.readouterr()
@@ -164,8 +166,8 @@ def test_a_plan_is_not_used_after_a_lod_was_edited_and_strict_is_strict(levelled
 
 
 @pytest.mark.once
-def test_a_live_build_with_strict_needs_the_camera_path_of_the_plan(levelled, tmp_path, capfd):
-    levelled.crowd_lod.frames = "1:3"
+def test_a_live_build_with_strict_needs_the_camera_path_of_the_plan(two_levels, tmp_path, capfd):
+    two_levels.crowd_lod.frames = "1:3"
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "a.blend"))
     assert bpy.ops.crowd_lod.plan_shot() == {"FINISHED"}
     bpy.ops.wm.save_mainfile()

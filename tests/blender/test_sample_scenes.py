@@ -264,6 +264,7 @@ def test_the_audience_of_the_stand_sits_on_its_steps_faces_the_ball_and_is_plann
     assert not cheers[angle > 0.9].any() and cheers[np.abs(angle) < 0.3].mean() > 0.5
 
 
+@pytest.mark.once
 def test_people_who_sit_on_benches_are_not_taken_for_sunk():
     bpy.context.window.scene = make_scene("stand")
     bpy.context.scene.crowd_lod.count = 60
@@ -271,6 +272,7 @@ def test_people_who_sit_on_benches_are_not_taken_for_sunk():
     assert from_json(bpy.context.scene.crowd_lod.trouble) == ()
 
 
+@pytest.mark.once
 def test_other_scenes_stay_as_they_are():
     context = bpy.context
     mine = context.scene

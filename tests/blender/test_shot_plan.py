@@ -20,19 +20,25 @@ from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 
 from ..support.scene_frames import frame_now
 
+pytestmark = pytest.mark.once  # the same on every Blender
+
 FRAMES = range(1, 13)
 
 
 @pytest.fixture
-def zoomed(levelled):
+def zoomed(two_levels):
+    return zoom(two_levels)
+
+
+def zoom(scene):
     """A zoom towards the crowd: LODs must change."""
-    lens = levelled.camera.data
+    lens = scene.camera.data
     for frame, lens.lens in ((1, 15), (12, 200)):
         lens.keyframe_insert("lens", frame=frame)
-    levelled.crowd_lod.choice = "BY_TOLERANCE"
-    levelled.crowd_lod.tolerance = 4.0
-    levelled.crowd_lod.pop_reduction = 0.5
-    return levelled
+    scene.crowd_lod.choice = "BY_TOLERANCE"
+    scene.crowd_lod.tolerance = 4.0
+    scene.crowd_lod.pop_reduction = 0.5
+    return scene
 
 
 def planned(scene, folder):
@@ -250,7 +256,8 @@ def test_bad_input_leaves_the_scene_as_it_was(zoomed, tmp_path, name, value, wor
     assert not settings.shot_plan and not (tmp_path / "plan").exists()
 
 
-def test_a_budget_holds_in_every_frame(zoomed, tmp_path):
+def test_a_budget_holds_in_every_frame(levelled, tmp_path):
+    zoomed = zoom(levelled)
     most = {}
     for zoomed.crowd_lod.tolerance in (1.0, 1e6):
         most[zoomed.crowd_lod.tolerance] = max(
@@ -288,7 +295,6 @@ def test_a_plan_that_is_switched_off_takes_distances_again(zoomed, tmp_path):
     assert not frame_at(zoomed, 6).planned
 
 
-@pytest.mark.once
 def test_preview_plans_first(zoomed, tmp_path):
     wanted = Preview(frames=[1, 6, 12], folder=tmp_path / "preview", width=64)
     plan = finished(preview(zoomed, wanted, []))
@@ -315,13 +321,8 @@ def test_no_frames_is_an_error(zoomed):
         finished(shot_survey.survey_of(read_crowd(zoomed), []))
 
 
-@pytest.mark.once
-def test_lods_of_other_settings_are_named(scene, tmp_path):
-    settings = scene.crowd_lod
-    settings.choice = "BY_DISTANCE"
-    settings.level_count = 2
-    bpy.ops.crowd_lod.populate()
-    bpy.ops.crowd_lod.make_levels()
+def test_lods_of_other_settings_are_named(two_levels, tmp_path):
+    settings = two_levels.crowd_lod
     settings.level_count = 3
     settings.frames = "1:3"
     settings.output_folder = str(tmp_path)
@@ -330,8 +331,8 @@ def test_lods_of_other_settings_are_named(scene, tmp_path):
     assert not (tmp_path / "plan").exists()
 
 
-def test_whom_the_far_clip_hides_at_once_is_in_the_verdict(levelled, tmp_path):
-    scene = levelled
+def test_whom_the_far_clip_hides_at_once_is_in_the_verdict(two_levels, tmp_path):
+    scene = two_levels
     lens = scene.camera.data
     frame_at(scene, 6)
     eye = np.array(scene.camera.matrix_world.translation)

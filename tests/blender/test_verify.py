@@ -25,10 +25,14 @@ FAST = """{"version": 1, "labels": {"ground": {"color": "#808080"}},
 
 
 @pytest.fixture
-def lit(levelled):
+def lit(two_levels):
+    return light(two_levels)
+
+
+def light(scene):
     """The small crowd on a ground, a low sun and a lamp beside the picture, a mirror in it."""
     add(
-        levelled.collection,
+        scene.collection,
         "Ground",
         [(tile(-30, -40, 30, 50), material("Ground", (0.5, 0.5, 0.5)))],
     )
@@ -41,18 +45,18 @@ def lit(levelled):
         item = bpy.data.objects.new(kind, data)
         item.location = place
         item.rotation_euler = turn
-        levelled.collection.objects.link(item)
+        scene.collection.objects.link(item)
     silver = material("Silver", (0.9, 0.9, 0.9), 0.0)
     next(node for node in silver.node_tree.nodes if node.type == "BSDF_PRINCIPLED").inputs[
         "Metallic"
     ].default_value = 1
     home = bpy.data.collections.new("Mirrors")
-    levelled.collection.children.link(home)
+    scene.collection.children.link(home)
     pane = add(home, "Pane", [(tile(-4, 0, 4, 5), silver)])
     pane.location = (4, -3, 0)
     pane.rotation_euler = (pi / 2, 0, -0.5)
-    levelled.crowd_lod.mirrors = home
-    return levelled
+    scene.crowd_lod.mirrors = home
+    return scene
 
 
 def rendered(scene, folder, **wanted):
@@ -110,8 +114,9 @@ def test_the_command_proves_that_culling_changes_no_pixel_and_shadows_need_their
 
 
 def test_without_the_option_pixels_differ_and_with_a_margin_that_drops_agents_the_exit_code_is_1(
-    lit, tmp_path, capfd
+    levelled, tmp_path, capfd
 ):
+    lit = light(levelled)
     lit.crowd_lod.shadows = False
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "off.blend"))
     words = ("--frames", "7", "--width", 96, "--samples", 2, "--quiet", "--out")

@@ -65,7 +65,7 @@ def test_timers_end_after_their_seconds():
 
 
 @pytest.mark.once
-@pytest.mark.parametrize("after, fps", [(3600, 10), (1200, 1000 / 30), (1000.1, 60)])
+@pytest.mark.parametrize("after, fps", [(3600, 0.7), (1000.1, 3)])
 def test_a_long_timer_ends_on_time(after, fps):
     """Who goes when the timer ends is as far as the time since then: to a microsecond, by whatever
     steps.
