@@ -17,7 +17,7 @@ import crowd_lod_extension
 from crowd_lod_extension.operators.cli import commands
 
 sys.path.append(str(Path(__file__).parents[1]))
-from support.coarse_characters import coarsen  # noqa: E402
+from support.small_crowd import save_small  # noqa: E402
 
 
 def operator(file: str, folder: str) -> int:
@@ -60,34 +60,12 @@ def trial(words: list[str], limit: int | None) -> dict:
         return {"status": status, "said": said.read().decode()}
 
 
-def small(file: Path) -> None:
-    """A crowd of 20 of one character with its LOD, and little to render."""
-    from crowd_lod_extension import sample_scenes
-    from crowd_lod_extension.operators.lods.make_lods import make_levels
-    from crowd_lod_extension.operators.scene.characters.group_measuring import measure_groups
-    from crowd_lod_extension.operators.scene.characters.stored_groups import store_groups
-
-    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=False)
-    scene = bpy.context.scene
-    sample_scenes.make("chapter", scene)
-    for name in "child", "heavy":
-        scene.crowd_lod.characters.children.unlink(bpy.data.collections[name])
-    coarsen(scene.crowd_lod)
-    scene.crowd_lod.count = 20
-    scene.crowd_lod.level_count = 2
-    scene.frame_end = 3
-    scene.crowd_lod.crowds[0].goals.add().label = "left edge, right edge"
-    store_groups(scene.crowd_lod, measure_groups(scene))
-    list(make_levels(scene))
-    bpy.ops.wm.save_as_mainfile(filepath=str(file), copy=True)
-
-
 if __name__ == "__main__":
     crowd_lod_extension.register()
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # Blender's own lines
     if not Path(sys.argv[1]).exists():
-        small(Path(sys.argv[1]))
+        save_small(sys.argv[1])
     print("ready", file=answers, flush=True)
     for line in sys.stdin:
         print(json.dumps(trial(**json.loads(line))), file=answers, flush=True)
