@@ -27,7 +27,7 @@ AT_WORK = {
     "crowd_lod.render_viewport": "Rendering",
     "crowd_lod.update_all": "Updating",
 }
-PROGRESS_WIDTH = 6.2  # in units of a widget: the longest of them fits, beside the longest title
+PROGRESS_WIDTH = 6  # in units of a widget: the longest of them fits, beside the longest title
 _icons: bpy.utils.previews.ImagePreviewCollection | None = None
 
 
