@@ -100,13 +100,14 @@ def run_process(
     return process.returncode, log.read_text(errors="replace").strip().rpartition("\n")[2]
 
 
-def allowed(jobs: int) -> int:
-    """Return how many of `jobs` processes like this one, which is one of them, the machine's memory
-    holds.
+def allowed(jobs: int, larger: float = 1.0) -> int:
+    """Return how many of `jobs` processes, this one among them, the machine's memory holds.
+
+    larger: times that the others take of what this one has taken at most.
     """
     free = _free_memory()
     own = _own_memory()
-    return jobs if free is None or own is None else min(jobs, 1 + int(free / max(own, 1)))
+    return jobs if free is None or own is None else min(jobs, 1 + int(free / max(larger * own, 1)))
 
 
 def _free_memory() -> int | None:

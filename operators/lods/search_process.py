@@ -25,6 +25,7 @@ from .ladders import aim, choose, is_limited, ladder_of
 from .measurements import FoundLods
 
 WORTH = 6.0  # seconds, as LodCosts tells them, that processes must save
+LARGER = 2.0  # times the memory that Blender has taken before, that a search takes
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,10 @@ def search_apart(
     together = sum(costs.values())
     saved = together - max(costs.values(), default=0.0)
     jobs = min(len(ladders), _cores())
-    if saved < WORTH or jobs < 2 or is_limited(scene.crowd_lod) or (jobs := allowed(jobs)) < 2:
+    if saved < WORTH or jobs < 2 or is_limited(scene.crowd_lod):
+        return
+    jobs = allowed(jobs + 1, LARGER) - 1  # this one waits
+    if jobs < 2:
         return
     with files.temporary_folder() as folder:
         file = folder / "scene.blend"
