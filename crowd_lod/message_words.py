@@ -284,7 +284,10 @@ def _glides(several: Sequence[Message], button: str) -> str:
     else:
         way = f"import the file of the pack that holds its motion, then press {button}"
     other_skeleton = f" Made for another skeleton: {listed(refused)}." if refused else ""
-    return f"{_subjects(several)} {verb} no action and would glide in the bind pose: {way}. Or press Stand Still.{other_skeleton}"
+    return (
+        f"{_subjects(several)} {verb} no action and would glide in the bind pose: {way}. Or press "
+        f"Stand Still.{other_skeleton}"
+    )
 
 
 def _glows(several: Sequence[Message], _: str) -> str:

@@ -88,7 +88,7 @@ class Target:
         """The base as poses."""
         return slice(self.base, self.base + 1)
 
-    @cached_property
+    @property
     def mesh(self) -> TriangleMesh:
         """The surface in the base."""
         return self.surface.mesh(self.base)

@@ -48,8 +48,7 @@ def script(path: Path, *words: str) -> list[str]:
     """
     if not bpy.app.binary_path:
         return [sys.executable, str(path), *words]
-    failing = "--python-exit-code", "1"
-    return [bpy.app.binary_path, "--background", *failing, "--python", str(path), "--", *words]
+    return _background("--python", str(path), "--", *words)
 
 
 def calling(function: Callable[..., None], *words: str) -> list[str]:
@@ -61,8 +60,12 @@ def calling(function: Callable[..., None], *words: str) -> list[str]:
     code = f"from {function.__module__} import {function.__name__} as run; run{words!r}"
     if not bpy.app.binary_path:
         return _python(code)
-    failing = "--python-exit-code", "1"
-    return [bpy.app.binary_path, "--background", *failing, "--python-expr", code]
+    return _background("--python-expr", code)
+
+
+def _background(*words: str) -> list[str]:
+    """Return the words that start Blender without a window, to fail where its script does."""
+    return [bpy.app.binary_path, "--background", "--python-exit-code", "1", *words]
 
 
 def _python(code: str) -> list[str]:

@@ -1,4 +1,4 @@
-"""The candidates of each character, and the choice among them, of which it measures what it needs."""
+"""The choice among the candidates of characters, of which it measures what it needs."""
 
 from collections.abc import Generator, Iterator, Sequence
 from functools import partial

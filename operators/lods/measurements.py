@@ -20,8 +20,8 @@ COLUMNS = {
     "shaded": float,
 }
 # Triangles x bound / diagonal, about the same for all LODs of a character (half the triangles,
-# twice the bound), to guess by. The first is below most LODs': a candidate whose guess is too coarse
-# would never be tried. The second is the middle.
+# twice the bound), to guess by. The first is below most LODs': a candidate whose guess is too
+# coarse would never be tried. The second is the middle.
 USUALLY_LOST = 4.0
 OFTEN_LOST = 12.0
 

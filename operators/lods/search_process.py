@@ -17,7 +17,7 @@ from ... import register
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.levels.selection import GroupShot
 from ...crowd_lod.output import files
-from ...crowd_lod.progress import Workload, finished
+from ...crowd_lod.progress import Workload
 from ..blender.machine import allowed, calling, run_process
 from ..scene.characters.characters import all_characters
 from .candidates import Ladder
@@ -119,12 +119,11 @@ def main(given: str, found: str) -> None:
     if not hasattr(bpy.types.Scene, "crowd_lod"):
         register()
     bpy.ops.wm.open_mainfile(filepath=str(task.file), load_ui=False, use_scripts=task.trusted)
-    lods = finished(_told(_search(task), task.parent))
-    Path(found).write_bytes(pickle.dumps(lods))
+    Path(found).write_bytes(pickle.dumps(_finished(_search(task), task.parent)))
 
 
 def _search(task: SearchTask) -> Generator[float, None, FoundLods]:
-    """Search for the LODs of the task in the open file: yield the progress, return what is found."""
+    """Search for the LODs of the task in the open file; yields the progress, returns them."""
     scene = bpy.data.scenes[task.scene]
     character = next(each for each in all_characters(scene) if each.name == task.group.name)
     ladder = ladder_of(scene, character)
@@ -136,19 +135,16 @@ def _search(task: SearchTask) -> Generator[float, None, FoundLods]:
     return FoundLods(ladder.digest, ladder.measured, ladder.found)
 
 
-def _told(
-    steps: Generator[float, None, FoundLods], parent: int
-) -> Generator[float, None, FoundLods]:
-    """Print the progress of the steps where it grows; end once the `parent` was ended."""
-    told = -1
+def _finished(steps: Generator[float, None, FoundLods], parent: int) -> FoundLods:
+    """Run the steps and return their result: print the progress; end once the `parent` was."""
+    printed = -1
     while True:
         try:
             percent = int(100 * next(steps))
         except StopIteration as end:
             return end.value
-        if percent > told:
+        if percent > printed:
             print(f"LODs: {percent}%", flush=True)
-            told = percent
+            printed = percent
         if os.getppid() != parent:
             raise SystemExit(1)
-        yield percent / 100
