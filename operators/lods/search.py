@@ -130,6 +130,18 @@ class LodCurve:
             (off, part) for off, part in pairs if not any(o < off and p < part for o, p in pairs)
         ]
 
+    def least_triangles(self, length: float) -> float:
+        """Return the triangles below which tries are known to deviate by more than `length` meters.
+
+        Those with heavier spots, which are as near as may be.
+        """
+        too_far = (
+            attempt.triangles
+            for attempt in self.known_tries
+            if attempt.weighed and attempt.deviation > length
+        )
+        return STEP * max(too_far, default=0)
+
     def best(self, length: float) -> Try:
         """Return the try of fewest triangles that deviates by `length` at most, or the nearest."""
         fitting = [attempt for attempt in self.tries if attempt.deviation <= length]
@@ -232,6 +244,8 @@ class Search:
         work = Workload(1)
         yield from work.take(self._leave_out(length / USUAL))
         worth = (1 - LEAST_SAVED) * most
+        if sum(curve.least_triangles(length) for curve in self.curves) > worth:
+            return None
         about = min(about, worth / sum(curve.count for curve in self.curves))
         usual = USUAL
         measured_before: list[list[Try]] = []
