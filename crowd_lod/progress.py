@@ -13,11 +13,18 @@ from contextlib import closing, contextmanager
 from itertools import count
 from typing import Any, TypeVar
 
-THREADS = min(os.cpu_count() or 1, 4)
+MOST_THREADS = 4  # of work in NumPy
 TICK = 0.04  # seconds of work between two pauses
 LOOK = 0.02  # seconds between two looks at work that another thread does
 _own = threading.local()
 Made = TypeVar("Made")  # what the work returns
+
+
+def count_cores() -> int:
+    """Return how many cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 class Cancelled(BaseException):
@@ -217,17 +224,18 @@ def check_cancelled() -> None:
 def map_in_threads(work: Callable[..., Made], items: Iterable[tuple]) -> Iterator[Made]:
     """Yield the results of `work` on each of `items`, its arguments, in their order.
 
-    THREADS threads do some at a time, so it is for work in NumPy, which lets threads run beside
-    each other. Errors are raised in the order of the items. If the generator is closed early, what
-    is not begun is left out.
+    As many threads as cores, MOST_THREADS at most, do some at a time, so it is for work in NumPy,
+    which lets threads run beside each other. Errors are raised in the order of the items. If the
+    generator is closed early, what is not begun is left out.
     """
-    with ThreadPoolExecutor(THREADS) as pool:
+    threads = min(count_cores(), MOST_THREADS)
+    with ThreadPoolExecutor(threads) as pool:
         ahead: deque[Future[Made]] = deque()
         try:
             for item in items:
                 with starting_threads():
                     ahead.append(pool.submit(work, *item))
-                if len(ahead) > THREADS:
+                if len(ahead) > threads:
                     yield ahead.popleft().result()
             while ahead:
                 yield ahead.popleft().result()

@@ -20,6 +20,7 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted, printable
 from ...crowd_lod.frame.frame_range import frames_are, parse_frames, parse_part
 from ...crowd_lod.output import files
+from ...crowd_lod.progress import count_cores
 from ...crowd_lod.shot import plan_file
 from ..blender.machine import allowed, launcher
 from ..deliver.preview.shared_frames import Sharing
@@ -153,7 +154,7 @@ def worker_of(args, jobs: int) -> Callable[[Path, Sequence[int]], list[str]]:
 
 def _threads(jobs: int) -> int:
     """Return how many threads each of so many processes renders with."""
-    return max(1, (os.cpu_count() or 1) // jobs)
+    return max(1, count_cores() // jobs)
 
 
 def _place(words: Sequence[str], args) -> int:

@@ -17,7 +17,7 @@ from ... import register
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.levels.selection import GroupShot
 from ...crowd_lod.output import files
-from ...crowd_lod.progress import Workload
+from ...crowd_lod.progress import Workload, count_cores
 from ..blender.machine import allowed, calling, run_process
 from ..scene.characters.characters import all_characters
 from .candidates import Ladder
@@ -60,7 +60,7 @@ def search_apart(
     costs = {ladder: ladder.costs.read + ladder.costs.expected for ladder in ladders}
     together = sum(costs.values())
     saved = together - max(costs.values(), default=0.0)
-    jobs = min(len(ladders), _cores())
+    jobs = min(len(ladders), count_cores())
     if saved < WORTH or jobs < 2 or is_limited(scene.crowd_lod):
         return
     jobs = allowed(jobs + 1, LARGER) - 1  # this one waits
@@ -77,13 +77,6 @@ def search_apart(
             for number, ladder in enumerate(longest_first)
         ]
         yield from work.take(_at_a_time(searches, jobs), together)
-
-
-def _cores() -> int:
-    """Return how many cores this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def _searching(ladder: Ladder, task: SearchTask, name: str) -> Iterator[float]:

@@ -6,7 +6,7 @@ import sys
 
 import bpy
 import pytest
-from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.crowd_lod.progress import count_cores, finished
 from crowd_lod_extension.operators.lods.make_lods import make_levels
 from crowd_lod_extension.operators.scene.characters.stored_groups import groups_of
 
@@ -15,7 +15,7 @@ from ..support.characters import character
 pytestmark = [
     pytest.mark.once,  # two searches that are worth processes take 20 s
     pytest.mark.skipif(sys.platform == "win32", reason="the processes' times are POSIX's"),
-    pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="one core searches alone"),
+    pytest.mark.skipif(count_cores() < 2, reason="one core searches alone"),
 ]
 
 
