@@ -30,10 +30,18 @@ class Budget:
     memory: float = inf
 
 
+def _megabytes(value: float) -> str:
+    """Return bytes in words, rounded up: a limit of that many is kept.
+
+    A millionth less is the same, as a setting's float32 may be.
+    """
+    return f"{np.ceil(value / 1e5 * (1 - 1e-6)) / 10:,.1f} MB"
+
+
 # by the field of Budget that limits it: the name of the setting, and how its value reads
 LIMITED: dict[str, tuple[str, Callable[[float], str]]] = {
     "triangles": ("Triangles", lambda value: f"{value:,.0f}"),
-    "memory": ("Memory", lambda value: f"{value / 1e6:,.1f} MB"),
+    "memory": ("Memory", _megabytes),
     "finest": ("Agents at LOD 0", lambda value: f"{value:,.0f}"),
 }
 # the noun that follows a value in a sentence

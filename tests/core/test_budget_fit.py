@@ -1,5 +1,6 @@
 """LODs for a budget: few of them, at the least tolerance at which each frame of the shot holds."""
 
+import re
 from dataclasses import replace
 from itertools import combinations
 
@@ -92,8 +93,10 @@ def test_a_budget_of_memory_holds_and_leaves_out_what_takes_more():
     keep, tolerance = search.fit([[0, 1], [0, 1]], 0.5)
     assert search.hold(keep, tolerance)
     assert not search.hold(keep, tolerance / 1.2)
-    with pytest.raises(CrowdError, match=r"set Memory to .* MB or more"):
+    with pytest.raises(CrowdError, match=r"set Memory to .* MB or more") as error:
         search_for(Budget(memory=0.9 * coarse), whole).fit([[0], [0]], 0.5)
+    named = 1e6 * float(re.search(r"Memory to ([\d,.]+) MB", str(error.value))[1].replace(",", ""))
+    assert coarse <= named < 1.2 * coarse + 1e5
 
 
 def test_overridden_agents_keep_their_lods_in_any_budget():

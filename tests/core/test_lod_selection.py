@@ -111,6 +111,13 @@ def test_a_zoom_and_the_tolerance_change_what_pays():
     assert choose(LODS, 3.0, [View(flat, 2.0, 12.0)])[0] == [0, 5]
 
 
+def test_agents_may_come_a_quarter_nearer_between_the_frames_that_were_looked_at():
+    """A LOD that the next one relieves 6 m away is kept for agents that were seen from 6.5 m on."""
+    group = replace(LODS, triangles=(1000, 500, 200), deviations=(0, 0.02, 0.1))
+    assert choose(group, 1.0, [View(straight(), 6.5, 60.0)])[0] == [0, 1, 2]
+    assert choose(group, 1.0, [View(straight(), 8.0, 60.0)])[0] == [0, 2]
+
+
 def test_the_reason_holds_in_every_frame_and_in_an_orthographic_view():
     group = replace(
         LODS, triangles=(1000, 500, 190, 40), deviations=(0, 0.1, 0.3, 1.5)

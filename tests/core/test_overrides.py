@@ -57,6 +57,7 @@ def test_agents_of_a_file_are_found_by_its_numbers():
     assert (
         agents_text(np.arange(6), ids) == "#7, #9, #700, 2-4"
         and agents_text(np.array([0, 1, 2, 8])) == "0-2, 8"
+        and agents_text(np.arange(2), np.array([0, 1])) == "#0-1"
     )
     for text, own in (("#8", ids), ("#7", None)):
         with pytest.raises(
@@ -107,6 +108,8 @@ def test_lods_that_an_agent_does_not_have_are_refused():
         CrowdError, match="The override Hero asks for LOD 3: the crowd has LODs 0 to 2"
     ):
         check_level(rule("ALWAYS", 3, [0]), 3, (), group, names)
+    with pytest.raises(CrowdError, match="asks for LOD 1: the crowd has LOD 0 alone"):
+        check_level(rule("ALWAYS", 1, [0]), 1, (), group, names)
     with pytest.raises(
         CrowdError, match="LOD 0 of child, which Memory for Characters leaves out: ask for LOD 1"
     ):

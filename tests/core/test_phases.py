@@ -144,6 +144,45 @@ def test_whole_palettes_without_shift_change_nothing(shot):
     assert (phases.applied(crowd, trajectory.gaits).phase_class == crowd.phase_class).all()
 
 
+@pytest.fixture
+def varied(shot):
+    """Phases whose palettes differ from block to block, and from agent to agent."""
+    trajectory, _ = shot
+    random = np.random.default_rng(3)
+    agents = len(trajectory.at(0))
+    return Phases(
+        random.integers(0, CLASSES, agents).astype(np.uint8),
+        random.choice([3, 4, 5, 6], first_blocks(trajectory.gaits)[-1]).astype(np.uint8),
+        random.integers(0, 2, agents).astype(np.uint8),
+    )
+
+
+def test_each_agent_shows_the_class_of_what_its_group_plays(shot, varied):
+    trajectory, _ = shot
+    gaits = trajectory.gaits
+    crowd = trajectory.at(20)
+    shown = varied.applied(crowd, gaits).phase_class
+    for agent, (group, playing) in enumerate(zip(crowd.group, crowd.playing, strict=True)):
+        block = first_blocks(gaits)[group] + gaits.play_number[group, playing]
+        count = int(varied.counts[block]) * 2 ** int(varied.finer[agent])
+        ahead = (int(crowd.phase_class[agent]) + int(varied.shift[agent])) % CLASSES
+        assert shown[agent] == NEAREST[count, ahead]
+
+
+def test_agents_with_finer_palettes_show_what_they_showed_before(shot, varied):
+    trajectory, survey = shot
+    varied = replace(varied, finer=np.zeros_like(varied.finer))
+    changes = changes_of(survey, strides_of(trajectory.groups, trajectory.gaits))
+    once = np.zeros(len(changes.agent), bool)
+    once[np.unique(changes.agent, return_index=True)[1]] = True
+    refined = changes.refined(varied, once)
+    before, after = (
+        each.classes_of(changes.agent[once], changes.block[once, 0], changes.classes[once, 0])
+        for each in (varied, refined)
+    )
+    assert (before == after).all() and (refined.finer[changes.agent] == 1).all()
+
+
 def test_changes_of_near_agents_jump_by_no_more_than_a_class(shot, planned):
     trajectory, survey = shot
     changes = changes_of(survey, strides_of(trajectory.groups, trajectory.gaits))
