@@ -2,12 +2,10 @@
 
 import ast
 import builtins
-import io
 import re
-import tokenize
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 ROOT = Path(__file__).parents[2]
 FOLDERS = "crowd_lod", "operators", "sample_scenes", "tests", "benchmarks", "docs"
@@ -23,22 +21,35 @@ FILE = re.compile(r"(?<![\w/<*.~-])((?:\w+/)*\w+\.py)\b")
 MEMBER = re.compile(r"(?<![\w./])([a-z]\w+)\.([A-Za-z_]\w+)(?![\w/]|\.\w)")
 OURS = re.compile(r"""(?:}|extension|")\.((?:crowd_lod|operators)(?:\.[a-z]\w*)+)""")
 QUOTED = re.compile(r"(?<!`)`([A-Za-z_]\w+)(?:\(\))?`(?!`)")
+COMMENT = re.compile(r"(?m)(?:^ *|  )# (.*)$")
 ENDINGS = set("py md json csv npz blend html png webp toml txt usdc usda".split())
 EXAMPLES = {"tests/core/test_tiny_agents.py", "crowd_lod/culling/tiny_agents.py"}  # CONTRIBUTING
 
 
+class Module(NamedTuple):
+    """names: all that it defines or uses by name. words: of texts without a space: columns, keys,
+    identifiers of Blender. told: (line, text) of docstrings and comments.
+    """
+
+    names: set[str]
+    words: set[str]
+    told: list[tuple[int, str]]
+
+
 @cache
-def trees() -> dict[Path, ast.Module]:
-    return {path: ast.parse(path.read_text(encoding="utf-8")) for path in SOURCES}
+def modules() -> dict[Path, Module]:
+    return {path: module(path.read_text(encoding="utf-8")) for path in SOURCES}
 
 
-def names_in(tree: ast.Module) -> set[str]:
-    """All that a module defines or uses by name."""
+def module(text: str) -> Module:
     names = set()
-    for node in ast.walk(tree):
+    texts = []
+    told = [(text.count("\n", 0, each.start()) + 1, each[1]) for each in COMMENT.finditer(text)]
+    for node in ast.walk(ast.parse(text)):
         match node:
-            case ast.FunctionDef() | ast.ClassDef():
-                names.add(node.name)
+            case ast.Constant():
+                if isinstance(node.value, str) and " " not in node.value:
+                    texts.append(node.value)
             case ast.Name():
                 names.add(node.id)
             case ast.Attribute():
@@ -47,29 +58,12 @@ def names_in(tree: ast.Module) -> set[str]:
                 names.add(node.arg)
             case ast.alias():
                 names.add((node.asname or node.name).rpartition(".")[2])
-    return names
-
-
-def words_in(tree: ast.Module) -> set[str]:
-    """The words of texts without a space: columns, keys, identifiers of Blender."""
-    texts = (node.value for node in ast.walk(tree) if isinstance(node, ast.Constant))
-    return {
-        word
-        for text in texts
-        if isinstance(text, str) and " " not in text
-        for word in re.findall(r"\w+", text)
-    }
-
-
-def comments(path: Path, tree: ast.Module) -> Iterator[tuple[int, str]]:
-    """Yield (line, text) of docstrings and comments."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Module | ast.FunctionDef | ast.ClassDef):
-            yield getattr(node, "lineno", 1), ast.get_docstring(node) or ""
-    source = io.StringIO(path.read_text(encoding="utf-8"))
-    for token in tokenize.generate_tokens(source.readline):
-        if token.type == tokenize.COMMENT:
-            yield token.start[0], token.string
+            case ast.FunctionDef() | ast.ClassDef():
+                names.add(node.name)
+                told.append((node.lineno, ast.get_docstring(node) or ""))
+            case ast.Module():
+                told.append((1, ast.get_docstring(node) or ""))
+    return Module(names, set(re.findall(r"\w+", "\n".join(texts))), told)
 
 
 @cache
@@ -77,8 +71,8 @@ def told() -> list[tuple[Path, int, str]]:
     """Return (file, line, text) of all that is written about the code."""
     texts = [
         (path.relative_to(ROOT), line, text)
-        for path, tree in trees().items()
-        for line, text in comments(path, tree)
+        for path, own in modules().items()
+        for line, text in own.told
     ]
     for path in PAGES:
         lines = path.read_text(encoding="utf-8").splitlines()
@@ -99,8 +93,8 @@ def test_files_that_are_named_exist():
 
 def test_members_of_modules_that_are_named_exist():
     members: dict[str, set[str]] = {}
-    for path, tree in trees().items():
-        members.setdefault(path.stem, set()).update(names_in(tree))
+    for path, own in modules().items():
+        members.setdefault(path.stem, set()).update(own.names)
     lost = [
         (str(path), line, f"{module}.{name}")
         for path, line, text in told()
@@ -112,8 +106,8 @@ def test_members_of_modules_that_are_named_exist():
 
 def test_identifiers_that_docstrings_quote_exist():
     known = set(dir(builtins)) | {part for path in SOURCES for part in path.with_suffix("").parts}
-    for tree in trees().values():
-        known |= names_in(tree) | words_in(tree)
+    for own in modules().values():
+        known |= own.names | own.words
     lost = [
         (str(path), line, name)
         for path, line, text in told()
