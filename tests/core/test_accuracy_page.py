@@ -19,6 +19,8 @@ from crowd_lod_extension.crowd_lod.validation.behavior_errors import (
 )
 from crowd_lod_extension.crowd_lod.validation.culling_errors import RADAR
 
+pytestmark = pytest.mark.once  # about texts, the same on every Blender
+
 SVG = "{http://www.w3.org/2000/svg}"
 SILENT = {
     "worst_px": None, "p99_px": None, "colors_worst": None, "colors_p99": None, "measured": None,

@@ -6,11 +6,14 @@ All cases are judged by test_report_commands.py in tests/blender.
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.frame import stages
 from crowd_lod_extension.crowd_lod.validation import stiff_cases
 from crowd_lod_extension.crowd_lod.validation.extreme_cases import cases, judge_plan, table_text
 from crowd_lod_extension.crowd_lod.validation.stiff_cases import BoundedError, judge_steps
+
+pytestmark = pytest.mark.once  # about texts, the same on every Blender
 
 PLANS = {case.name: case for case in cases(1000)}
 STEPS = {case.name: case for case in stiff_cases.cases()}

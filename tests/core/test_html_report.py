@@ -7,6 +7,8 @@ from crowd_lod_extension.crowd_lod.output.html_report import page
 
 from ..support.pages import Reader
 
+pytestmark = pytest.mark.once  # about texts, the same on every Blender
+
 EVIL = '<script>alert("x")</script>&'
 
 

@@ -7,6 +7,10 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
+import pytest
+
+pytestmark = pytest.mark.once  # about texts, the same on every Blender
+
 ROOT = Path(__file__).parents[2]
 FOLDERS = "crowd_lod", "operators", "sample_scenes", "tests", "benchmarks", "docs"
 SOURCES = [

@@ -9,6 +9,8 @@ from crowd_lod_extension.crowd_lod.validation.render_proof import (
     worst_frame,
 )
 
+pytestmark = pytest.mark.once  # about texts, the same on every Blender
+
 ROW = {"frame": 3, "culling_ok": True, "lod_ok": True, "culling_pixels": 0, "sky_share": None, "strangers": 0, "by_outline": 20, "by_presence": 0,
        "not_judged": 0, "missing": 0, "extra": 0, "off": 0, "error_px": 0.86, "allowed_px": 1.0, "apart": 0, "apart_px": None,
        "give_or_take_px": 0.71, "color_off": 0.066, "patches": 0}  # fmt: skip

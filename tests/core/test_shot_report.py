@@ -23,6 +23,8 @@ from crowd_lod_extension.crowd_lod.shot.switches import LargestSwitch, Verdict, 
 from ..support.pages import Reader
 from ..support.surveys import TRIANGLES, Grid, some_shot
 
+pytestmark = pytest.mark.once  # about texts, the same on every Blender
+
 EVIL = '<script>alert("x")</script>&'
 TINTS = (0.8, 0.03, 0.03), (0.04, 0.6, 0.06), (0.05, 0.12, 0.85), (0.78, 0.35, 0.0)
 RADIUS = np.array([0.75, 1.25])

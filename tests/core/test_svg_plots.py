@@ -1,7 +1,10 @@
 import re
 
 import numpy as np
+import pytest
 from crowd_lod_extension.crowd_lod.output import svg_plots as svg
+
+pytestmark = pytest.mark.once  # about texts, the same on every Blender
 
 
 def test_a_long_legend_stays_under_its_plot():

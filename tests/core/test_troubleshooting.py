@@ -3,7 +3,10 @@
 import importlib.util
 from pathlib import Path
 
+import pytest
 from crowd_lod_extension.crowd_lod.messages import MessageKind
+
+pytestmark = pytest.mark.once  # about texts, the same on every Blender
 
 DOCS = Path(__file__).parents[2] / "docs"
 

@@ -1,5 +1,6 @@
 """The report of a proof: whole, verdict first, nothing of a name's own HTML."""
 
+import pytest
 from crowd_lod_extension.crowd_lod.output.verify_report import (
     AGENT_COLUMNS,
     CHECKS,
@@ -8,6 +9,8 @@ from crowd_lod_extension.crowd_lod.output.verify_report import (
 )
 
 from ..support.pages import Reader
+
+pytestmark = pytest.mark.once  # about texts, the same on every Blender
 
 EVIL = '<script>alert("x")</script>&'
 ROW = {"frame": 3, "agents": 4096, "visible": 1000, "shadow": 12, "mirrored": 0, "culling_ok": True, "lod_ok": True,
