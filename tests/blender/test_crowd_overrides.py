@@ -9,15 +9,9 @@ from crowd_lod_extension.crowd_lod.sources.changed import Overridden
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 
 from ..support.freshness import changed_since_build
+from ..support.overrides import add, cube, frame_at, inside, planned, press, seen_at
 from ..support.scatter import scatter
 from .test_build import instances
-from .test_shot_overrides import add, cube, frame_at, planned, seen_at
-
-
-def press(scene, agent, *types):
-    scene.crowd_lod.agent = agent
-    for type_ in types:
-        assert bpy.ops.crowd_lod.override_agent(type=type_) == {"FINISHED"}
 
 
 def test_each_button_edits_the_picked_agent_and_its_entry_can_be_switched_off(levelled):
@@ -39,17 +33,9 @@ def test_each_button_edits_the_picked_agent_and_its_entry_can_be_switched_off(le
 def test_a_pin_and_a_hide_hold_without_a_shot_plan(levelled):
     (hidden, finer, *_) = seen_at(levelled, 2)
     (pinned, *_) = seen_at(levelled, 0)
-    add(levelled, "Pin", agents=f"{pinned}", type="ALWAYS", level=2)
-    add(levelled, "Detail", agents=f"{finer}", type="NEVER_COARSER", level=1)
-    add(
-        levelled,
-        "Gone",
-        agents=f"{hidden}",
-        type="HIDE",
-        all_frames=False,
-        first_frame=6,
-        last_frame=9,
-    )
+    add(levelled, "Pin", agents=pinned, type="ALWAYS", level=2)
+    add(levelled, "Detail", agents=finer, type="NEVER_COARSER", level=1)
+    add(levelled, "Gone", agents=hidden, type="HIDE", frames=(6, 9))
     for number in (1, 5, 6, 9, 10):
         frame = frame_at(levelled, number)
         assert not frame.planned and not frame.unplanned
@@ -79,15 +65,9 @@ def test_the_build_shows_edited_agents_where_they_are_put(built, make, at_once):
         frame.visible & (frame.crowd.group == frame.crowd.group.max())
     )[:3].tolist()
     crowd = frame.crowd
-    add(built, "a", type="NUDGE", agents=f"{moved}", move=(0.25, 0.5, 1.5))
-    add(
-        built,
-        "b",
-        type="GROUP",
-        agents=f"{swapped}",
-        group_name=trajectory_of(built).groups[0].name,
-    )
-    add(built, "c", type="HIDE", agents=f"{hidden}")
+    add(built, "a", type="NUDGE", agents=moved, move=(0.25, 0.5, 1.5))
+    add(built, "b", type="GROUP", agents=swapped, group_name=trajectory_of(built).groups[0].name)
+    add(built, "c", type="HIDE", agents=hidden)
     getattr(bpy.ops.crowd_lod, make)()
     assert changed_since_build(built) == []
     built.frame_set(2)
@@ -107,14 +87,12 @@ def test_the_build_shows_edited_agents_where_they_are_put(built, make, at_once):
     assert changed_since_build(built) == ["the overrides"]
 
 
-@pytest.mark.parametrize("all_frames", [True, False])
-def test_who_is_hidden_is_not_missed_by_the_proof(levelled, all_frames):
+@pytest.mark.parametrize("frames", [(), (2, 3)])
+def test_who_is_hidden_is_not_missed_by_the_proof(levelled, frames):
     from crowd_lod_extension.operators.deliver.proof.frame_proof import everyone_there
 
     (agent, *_) = seen_at(levelled, 1)
-    add(
-        levelled, type="HIDE", agents=f"{agent}", all_frames=all_frames, first_frame=2, last_frame=3
-    )
+    add(levelled, type="HIDE", agents=agent, frames=frames)
     everyone = everyone_there(frame_at(levelled, 2))
     assert len(everyone) == levelled.crowd_lod.count - 1 and agent not in everyone
 
@@ -138,7 +116,7 @@ def test_the_plan_knows_of_edits_and_says_when_they_change(levelled, tmp_path):
     (agent, *_) = seen_at(levelled, 2)
     press(levelled, agent, "HIDE")
     press(levelled, agent + 1, "NUDGE")
-    levels, told = planned(levelled, tmp_path / "plan")
+    levels, told = planned(levelled, tmp_path)
     assert frame_at(levelled, 2).planned and not frame_at(levelled, 2).visible[agent]
     assert [each["type"] for each in told["shot"]["overrides"]] == ["HIDE"]
     levelled.crowd_lod.overrides[1].move[1] = 3
@@ -147,36 +125,34 @@ def test_the_plan_knows_of_edits_and_says_when_they_change(levelled, tmp_path):
 
 def test_erasing_keeps_numbers_of_who_stands_in_the_box(levelled):
     own = trajectory_of(levelled)
-    region = cube(levelled, (-5, -8, -1), (9, 0, 1), "Fountain")
+    region = cube(levelled, name="Fountain")
     levelled.frame_set(6)
     bpy.context.view_layer.objects.active = region
     crowd = own.at(6)
-    inside = np.flatnonzero((crowd.x >= -5) & (crowd.x <= 9) & (crowd.y >= -8) & (crowd.y <= 0))
-    assert len(inside) > 20 and bpy.ops.crowd_lod.erase() == {"FINISHED"}
+    erased = inside(crowd)
+    assert len(erased) > 20 and bpy.ops.crowd_lod.erase() == {"FINISHED"}
     gone = lambda: np.flatnonzero(~trajectory_of(levelled).at(1).present).tolist()  # noqa: E731
-    assert gone() == inside.tolist()
+    assert gone() == erased
     region.location.x += 30
-    assert gone() == inside.tolist()
+    assert gone() == erased
     # found anew, they are those where the region is now
     levelled.crowd_lod.overrides[0].select_by = "REGION"
     region.location.x -= 34
     bpy.context.view_layer.update()
     bpy.ops.crowd_lod.find_agents()
-    inside = np.flatnonzero((crowd.x >= -9) & (crowd.x <= 5) & (crowd.y >= -8) & (crowd.y <= 0))
-    assert gone() == inside.tolist()
+    assert gone() == inside(crowd, (-9, -8), (5, 0))
 
 
 def test_who_is_nudged_is_found_where_he_walks_without_edits(levelled):
     own = trajectory_of(levelled).at(1)
     add(levelled, type="NUDGE", agents=f"0-{len(own) - 1}", move=(500, 0, 0))
-    region = cube(levelled, (-5, -8, -1), (9, 0, 1))
+    region = cube(levelled)
     add(levelled, type="HIDE", select_by="REGION", region=region)
     levelled.crowd_lod.override_index = 1
     levelled.frame_set(1)
     bpy.ops.crowd_lod.find_agents()
     hidden = np.flatnonzero(~trajectory_of(levelled).at(1).present)
-    inside = (own.x >= -5) & (own.x <= 9) & (own.y >= -8) & (own.y <= 0)
-    assert hidden.tolist() == np.flatnonzero(inside).tolist()
+    assert hidden.tolist() == inside(own)
 
 
 WRONG = [

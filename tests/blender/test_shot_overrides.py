@@ -2,8 +2,6 @@
 wrong ones.
 """
 
-import json
-
 import bpy
 import numpy as np
 import pytest
@@ -13,45 +11,12 @@ from crowd_lod_extension.operators.scene.scene_crowd import read_crowd, trajecto
 from crowd_lod_extension.operators.scene.shot_overrides import overrides_of
 from crowd_lod_extension.operators.scene.shot_reference import frame_by_policy
 
+from ..support.overrides import FRAMES, add, cube, frame_at, inside, planned, seen_at
 from ..support.scene_frames import frame_now
-
-FRAMES = range(1, 13)
-
-
-def add(scene, name="Hero", **settings):
-    entry = scene.crowd_lod.overrides.add()
-    entry.name = name
-    for key, value in settings.items():
-        setattr(entry, key, value)
-    return entry
 
 
 def chosen_agents(scene, frames=FRAMES):
     return [each.agents.tolist() for each in overrides_of(read_crowd(scene), frames)]
-
-
-def planned(scene, folder):
-    """Press Plan Shot; return (the levels by frame, plan.json)."""
-    settings = scene.crowd_lod
-    settings.frames = "1:12"
-    settings.output_folder = str(folder.parent)
-    assert bpy.ops.crowd_lod.plan_shot() == {"FINISHED"}
-    stored = plan_file.read(folder / "plan.npz")
-    rows = [stored.row(f, settings.count) for f in range(12)]
-    return np.array(rows), json.loads((folder / "plan.json").read_text())
-
-
-def frame_at(scene, number):
-    scene.frame_set(number)
-    return frame_now(scene, bpy.context.evaluated_depsgraph_get())
-
-
-def seen_at(scene, level):
-    """The agents that are seen with this LOD in all frames."""
-    frames = [frame_at(scene, number) for number in FRAMES]
-    return np.flatnonzero(
-        np.logical_and.reduce([frame.visible & (frame.levels == level) for frame in frames])
-    ).tolist()
 
 
 @pytest.mark.once
@@ -59,59 +24,19 @@ def test_the_plan_keeps_to_overrides_and_its_users_show_them(levelled, tmp_path)
     settings = levelled.crowd_lod
     (finer, hidden, *_) = seen_at(levelled, 2)
     (pinned, *_) = seen_at(levelled, 0)
-    add(levelled, "Detail", agents=f"{finer}", type="NEVER_COARSER", level=1)
-    add(
-        levelled,
-        "Pin",
-        agents=f"{pinned}",
-        type="ALWAYS",
-        level=2,
-        all_frames=False,
-        first_frame=4,
-        last_frame=6,
-    )
-    add(
-        levelled,
-        "Gone",
-        agents=f"{hidden}",
-        type="HIDE",
-        all_frames=False,
-        first_frame=6,
-        last_frame=9,
-    )
-    levels, told = planned(levelled, tmp_path / "plan")
+    add(levelled, "Detail", agents=finer, type="NEVER_COARSER", level=1)
+    add(levelled, "Pin", agents=pinned, type="ALWAYS", level=2, frames=(4, 6))
+    add(levelled, "Gone", agents=hidden, type="HIDE", frames=(6, 9))
+    levels, told = planned(levelled, tmp_path)
     assert (levels[:, finer] & LEVEL <= 1).all() and not (levels[:, finer] & PINNED).any()
     assert [f + 1 for f in range(12) if levels[f, pinned] & PINNED] == [4, 5, 6]
     assert [f + 1 for f in range(12) if levels[f, hidden] & HIDDEN] == [6, 7, 8, 9]
     assert not (np.delete(levels, [pinned, hidden], axis=1) & (PINNED | HIDDEN)).any()
-    assert told["shot"]["overrides"] == [
-        {
-            "name": "Detail",
-            "type": "NEVER_COARSER",
-            "lod": 1,
-            "chosen": f"agents {finer}",
-            "agents": 1,
-            "first": None,
-            "last": None,
-        },
-        {
-            "name": "Pin",
-            "type": "ALWAYS",
-            "lod": 2,
-            "chosen": f"agents {pinned}",
-            "agents": 1,
-            "first": 4,
-            "last": 6,
-        },
-        {
-            "name": "Gone",
-            "type": "HIDE",
-            "lod": None,
-            "chosen": f"agents {hidden}",
-            "agents": 1,
-            "first": 6,
-            "last": 9,
-        },
+    keys = "name", "type", "lod", "chosen", "agents", "first", "last"
+    assert [tuple(each[key] for key in keys) for each in told["shot"]["overrides"]] == [
+        ("Detail", "NEVER_COARSER", 1, f"agents {finer}", 1, None, None),
+        ("Pin", "ALWAYS", 2, f"agents {pinned}", 1, 4, 6),
+        ("Gone", "HIDE", None, f"agents {hidden}", 1, 6, 9),
     ]
     phases = plan_file.read(tmp_path / "plan" / "plan.npz").phases
     trajectory = trajectory_of(levelled)
@@ -126,7 +51,7 @@ def test_the_plan_keeps_to_overrides_and_its_users_show_them(levelled, tmp_path)
     settings.overrides["Pin"].use = False
     frame = frame_at(levelled, 5)
     assert not frame.planned and "for the overrides changed since it was made" in frame.unplanned
-    levels, told = planned(levelled, tmp_path / "plan")
+    levels, told = planned(levelled, tmp_path)
     assert not (levels & PINNED).any() and [each["name"] for each in told["shot"]["overrides"]] == [
         "Detail",
         "Gone",
@@ -145,38 +70,21 @@ def test_who_is_hidden_casts_no_shadow(levelled, tmp_path):
         moment = lights.read_moment(levelled, 3, at)
     plain = frame_by_policy(read_crowd(levelled), moment)
     add(levelled, agents=f"0-{levelled.crowd_lod.count - 1}", type="HIDE")
-    planned(levelled, tmp_path / "plan")
+    planned(levelled, tmp_path)
     levelled.frame_set(3)
     frame = frame_now(levelled, bpy.context.evaluated_depsgraph_get(), around=moment.around)
     assert len(plain.buckets.order) > 0 == len(frame.buckets.order)
     assert len(frame.shadow.order) == len(frame.mirrored.order) == 0
 
 
-def cube(scene, low, high, name="Region"):
-    """A mesh whose box, turned and scaled, is the world's from `low` to `high`."""
-    mesh = bpy.data.meshes.new(name)
-    mesh.from_pydata([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], [], [])
-    item = bpy.data.objects.new(name, mesh)
-    item.location = (np.array(low) + high) / 2
-    item.scale = (np.array(high) - low) / 2
-    scene.collection.objects.link(item)
-    bpy.context.view_layer.update()
-    return item
-
-
 def test_a_region_means_those_inside_its_box_when_it_begins(levelled):
-    region = cube(levelled, (-5, -8, -1), (9, 0, 1))
+    region = cube(levelled)
     add(levelled, select_by="REGION", region=region)
-    add(levelled, select_by="REGION", region=region, all_frames=False, first_frame=8, last_frame=90)
+    add(levelled, select_by="REGION", region=region, frames=(8, 90))
 
-    def inside(number):
-        crowd = trajectory_of(levelled).at(number)
-        return np.flatnonzero(
-            (crowd.x >= -5) & (crowd.x <= 9) & (crowd.y >= -8) & (crowd.y <= 0)
-        ).tolist()
-
-    assert chosen_agents(levelled) == [inside(1), inside(8)] and inside(1) != inside(8)
-    assert chosen_agents(levelled, range(2, 7)) == [inside(2), []]
+    first, second, eighth = (inside(trajectory_of(levelled).at(time)) for time in (1, 2, 8))
+    assert chosen_agents(levelled) == [first, eighth] and first != eighth
+    assert chosen_agents(levelled, range(2, 7)) == [second, []]
     # turned by a quarter about its middle, its box is the other way round; flat, it counts at every
     # height
     region.rotation_euler.z = np.pi / 2
@@ -186,8 +94,7 @@ def test_a_region_means_those_inside_its_box_when_it_begins(levelled):
         vertex.co.z = 0
     bpy.context.view_layer.update()
     crowd = trajectory_of(levelled).at(1)
-    turned = np.flatnonzero((abs(crowd.x - 2) <= 4) & (abs(crowd.y + 4) <= 7)).tolist()
-    assert chosen_agents(levelled)[0] == turned
+    assert chosen_agents(levelled)[0] == inside(crowd, (-2, -11), (6, 3))
     # an empty's box is as wide as it is drawn
     empty = bpy.data.objects.new("Empty", None)
     empty.empty_display_size = 6
@@ -195,23 +102,17 @@ def test_a_region_means_those_inside_its_box_when_it_begins(levelled):
     levelled.collection.objects.link(empty)
     bpy.context.view_layer.update()
     levelled.crowd_lod.overrides[0].region = empty
-    about = np.flatnonzero((abs(crowd.x - 1) <= 6) & (abs(crowd.y - 2) <= 6)).tolist()
-    assert chosen_agents(levelled)[0] == about
+    assert chosen_agents(levelled)[0] == inside(crowd, (-5, -4), (7, 8))
 
 
 def test_a_region_that_moves_is_taken_where_it_is_when_the_override_begins(levelled):
-    region = cube(levelled, (-5, -8, -1), (9, 0, 1))
+    region = cube(levelled)
     for number, y in ((1, -4), (11, 6)):
         region.location.y = y
         region.keyframe_insert("location", index=1, frame=number)
     levelled.frame_set(1)
-    add(
-        levelled, select_by="REGION", region=region, all_frames=False, first_frame=11, last_frame=12
-    )
-    crowd = trajectory_of(levelled).at(11)
-    there = np.flatnonzero(
-        (crowd.x >= -5) & (crowd.x <= 9) & (crowd.y >= 2) & (crowd.y <= 10)
-    ).tolist()
+    add(levelled, select_by="REGION", region=region, frames=(11, 12))
+    there = inside(trajectory_of(levelled).at(11), (-5, 2), (9, 10))
     assert chosen_agents(levelled) == [there] and levelled.frame_current == 1
 
 
@@ -220,7 +121,7 @@ def test_the_plan_says_when_an_override_has_changed(levelled, tmp_path, change):
     region = cube(levelled, (-20, -20, -1), (20, 20, 1))
     add(levelled, "A", agents="1", type="ALWAYS", level=1, all_frames=False)
     add(levelled, "B", select_by="REGION", region=region)
-    planned(levelled, tmp_path / "plan")
+    planned(levelled, tmp_path)
     assert frame_at(levelled, 2).planned
     settings = levelled.crowd_lod
     settings.overrides["A"].name = "another name"
@@ -242,10 +143,7 @@ WRONG = [
     (dict(agents="300"), "names agent 300: the crowd has 300"),
     (dict(agents="9-3"), "write 3-9"),
     (dict(agents="1", level=3), "asks for LOD 3: the crowd has LODs 0 to 2"),
-    (
-        dict(agents="1", all_frames=False, first_frame=9, last_frame=3),
-        "runs backwards, from frame 9 to 3",
-    ),
+    (dict(agents="1", frames=(9, 3)), "runs backwards, from frame 9 to 3"),
     (dict(select_by="REGION"), "has no region"),
     (dict(select_by="REGION", region="far"), "none stand in its region far at frame 1"),
     (dict(select_by="REGION", region="bare"), "The region bare of the override Hero has no area"),
@@ -281,9 +179,7 @@ def test_an_override_outside_of_the_plan_has_nobody(levelled):
         levelled,
         select_by="REGION",
         region=cube(levelled, (500, 500, -1), (501, 501, 1)),
-        all_frames=False,
-        first_frame=90,
-        last_frame=99,
+        frames=(90, 99),
     )
     assert chosen_agents(levelled) == [[]]
 
