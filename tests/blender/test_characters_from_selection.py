@@ -7,7 +7,7 @@ import pytest
 from crowd_lod_extension.operators.scene.characters.characters_from_selection import read_selection
 from crowd_lod_extension.operators.scene.scene_crowd import characters_of
 
-from ..support.characters import new, rig, skin, tube
+from ..support.characters import box, new, rig, skin, tube
 
 
 def press(*selected):
@@ -291,18 +291,6 @@ def test_lamps_and_cameras_beside_the_characters_are_no_groups(stage):
     bpy.data.batch_remove([item for item in home.all_objects if item.type in ("MESH", "ARMATURE")])
     with pytest.raises(RuntimeError, match="Collection holds lamps, cameras and empties alone"):
         bpy.ops.crowd_lod.populate()
-
-
-def box(name, low, high):
-    """A box mesh between two corners, in the scene."""
-    x, y, z = zip(low, high, strict=True)
-    corners = [(x[i], y[j], z[k]) for i in (0, 1) for j in (0, 1) for k in (0, 1)]
-    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    mesh = bpy.data.meshes.new(name)
-    mesh.from_pydata(corners, [], faces)
-    item = new(name, mesh)
-    bpy.context.scene.collection.objects.link(item)
-    return item
 
 
 def test_loose_parts_that_lie_in_one_another_are_one_character_and_ground_is_none_of_it():

@@ -15,6 +15,7 @@ from crowd_lod_extension.operators.scene.machine.scene_world import machine_of
 from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 
+from ..support.characters import box
 from ..support.freshness import changed_since_populate
 from ..support.messages import told
 
@@ -34,14 +35,6 @@ def add(scene, name, points, faces=(), edges=()):
     return item
 
 
-def box(scene, name, low, high):
-    corners = [
-        (x, y, z) for z in (low[2], high[2]) for y in (low[1], high[1]) for x in (low[0], high[0])
-    ]
-    faces = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
-    return add(scene, name, corners, faces)
-
-
 def station(scene):
     """Two floors and stairs, as a collection of boxes.
 
@@ -50,12 +43,12 @@ def station(scene):
     home = bpy.data.collections.new("Station")
     scene.collection.children.link(home)
     step = bpy.data.collections.new("Step")
-    floor = box(scene, "Floor", (-1, -1, -1), (1, 1, 0))
-    upper = box(scene, "Upper", (0, -20, 3.75), (25, 20, 4))
+    floor = box("Floor", (-1, -1, -1), (1, 1, 0))
+    upper = box("Upper", (0, -20, 3.75), (25, 20, 4))
     floor.scale = (-25, 25, 0.5)
     floor.rotation_euler = (0, 0, radians(90))
     items = [floor, upper]
-    tread = box(scene, "Tread", (0, -5, 0), (1, 5, 0.25))
+    tread = box("Tread", (0, -5, 0), (1, 5, 0.25))
     step.objects.link(tread)
     for k in range(16):
         item = bpy.data.objects.new(f"Step {k}", None)
@@ -325,7 +318,7 @@ def test_who_spawns_on_an_object_faces_another(scene):
 def test_instances_give_places_and_headings(scene):
     sitting(scene)
     parent = add(scene, "Seats", [(0, 0, 1), (60, 0, 2), (0, 70, 3)])
-    chair = box(scene, "Chair", (0, 0, 0), (0.1, 0.1, 0.1))
+    chair = box("Chair", (0, 0, 0), (0.1, 0.1, 0.1))
     chair.parent = parent
     parent.instance_type = "VERTS"
     chair.rotation_euler = (0, 0, radians(30))

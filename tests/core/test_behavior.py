@@ -13,7 +13,7 @@ from crowd_lod_extension.crowd_lod.world.height_map import HeightMap
 from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap, edge_map
 
 from ..support.crowds import crowd_at, walker
-from ..support.machines import TO_AND_FRO, machine_of, mirrored, random_world, same
+from ..support.machines import LIVELY, TO_AND_FRO, machine_of, mirrored, random_world, same
 
 
 def test_a_step_within_a_cell_is_listing_1_1_bit_for_bit():
@@ -226,17 +226,6 @@ def test_an_agent_that_the_table_sends_to_and_fro_stands_and_is_told():
     crowd, tally = advance(crowd_at([(0.5, 0.5, 0), (0.1, 0.5, 0)]), machine, world, 0.75)
     assert tally.stuck.tolist() == [True, False] and tally.reads <= 8
     np.testing.assert_allclose(crowd.x, [1.0, 0.85], atol=1e-12)
-
-
-LIVELY = {
-    "walk": {
-        "start": 1, "after": [0.3, 2], "then": {"rest": 1, "walk": 1, "run": 1},
-        "on": {"ground": {"move": [1.1, 0.3]}, "wall": {"next": {"back": 2, "walk": 1}, "move": [0.2, 0.1]}},
-    },
-    "run": {"after": 1.5, "then": "walk", "on": {"*": {"move": [-3, 2]}, "wall": {"next": "rest"}}},
-    "back": {"on": {"*": {"move": [-1.3, -0.9]}, "wall": {"next": {"walk": 1, "run": 1}, "move": [-2, 0]}}},
-    "rest": {"after": [0.2, 0.9], "then": "walk", "on": {"*": {}}},
-}  # fmt: skip
 
 
 def lively(seed=1, edge="wrap", **more):

@@ -43,8 +43,7 @@ pytestmark = pytest.mark.once
 
 
 @pytest.fixture(autouse=True)
-def small_crowds_stand_in_blocks(monkeypatch):
-    monkeypatch.setattr(morton_order, "FEWEST", 1)
+def small_blocks(in_blocks, monkeypatch):
     monkeypatch.setattr(blocks, "SIZE", 8)
     monkeypatch.setattr(blocks, "FAN", 4)  # so that some hundred agents have many wide boxes
 

@@ -10,7 +10,6 @@ from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS
 from crowd_lod_extension.crowd_lod.crowd.wardrobe import count_people
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.sources.changed import Dressed
-from crowd_lod_extension.crowd_lod.world import morton_order
 from crowd_lod_extension.crowd_lod.world.first_frame import populate
 from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap
 
@@ -73,8 +72,7 @@ def test_shares_and_exclusions_hold_and_another_slot_changes_nothing_else():
     assert not (looks[8000:] == looks[crowds.wearer[8000:]]).any()
 
 
-def test_the_plan_sees_agents_with_all_that_they_wear(monkeypatch):
-    monkeypatch.setattr(morton_order, "FEWEST", 1)
+def test_the_plan_sees_agents_with_all_that_they_wear(in_blocks):
     crowds = dressed(4500)
     camera = straight(offset=(0, -10, 1.5))
     for time in (1, 9.5, 40):

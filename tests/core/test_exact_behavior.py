@@ -13,18 +13,14 @@ from crowd_lod_extension.crowd_lod.world.first_frame import populate
 from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap, edge_map
 
 from ..support.crowds import crowd_at
-from ..support.machines import TO_AND_FRO, machine_of, mirrored, random_machine, random_world
-
-# States that draw, wait and turn.
-LIVELY = {
-    "walk": {
-        "start": 1, "after": [0.3, 2], "then": {"rest": 1, "walk": 1, "run": 1},
-        "on": {"ground": {"move": [1.1, 0.3]}, "wall": {"next": {"back": 2, "walk": 1}, "move": [0.2, 0.1]}},
-    },
-    "run": {"after": 1.5, "then": "walk", "on": {"*": {"move": [-3, 2]}, "wall": {"next": "rest"}}},
-    "back": {"on": {"*": {"move": [-1.3, -0.9]}, "wall": {"next": {"walk": 1, "run": 1}, "move": [-2, 0]}}},
-    "rest": {"after": [0.2, 0.9], "then": "walk", "on": {"*": {}}},
-}  # fmt: skip
+from ..support.machines import (
+    LIVELY,
+    TO_AND_FRO,
+    machine_of,
+    mirrored,
+    random_machine,
+    random_world,
+)
 
 
 def test_the_judge_knows_the_chapters_walk_in_closed_form():

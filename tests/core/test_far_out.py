@@ -15,7 +15,6 @@ from crowd_lod_extension.crowd_lod.culling.volumes import Light, shades_into, vi
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.frame.shadows import Surroundings, surround
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
-from crowd_lod_extension.crowd_lod.world import morton_order
 from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap
 
 from ..support.crowds import crowd_at, walker
@@ -98,8 +97,7 @@ def shot(feet):
 
 @pytest.mark.parametrize("away", [0.0, 1e3, 1e5, 1e6, 1e7])
 @pytest.mark.parametrize("lens", LENSES)
-def test_nobody_is_culled_whom_float32_positions_show(lens, away, monkeypatch):
-    monkeypatch.setattr(morton_order, "FEWEST", 1)
+def test_nobody_is_culled_whom_float32_positions_show(lens, away, in_blocks, monkeypatch):
     monkeypatch.setattr(blocks, "SIZE", 4)
     random = np.random.default_rng([list(LENSES).index(lens), int(away)])
     missed = 0

@@ -11,7 +11,6 @@ from crowd_lod_extension.crowd_lod.crowd import leave_outs
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.frame.index_cache import blocks_at
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
-from crowd_lod_extension.crowd_lod.world import morton_order
 from crowd_lod_extension.crowd_lod.world.height_map import HeightMap
 
 from ..support.cameras import straight
@@ -57,8 +56,7 @@ def test_state_blocks_and_results_stay_within_their_bytes(groups, edge, heights)
     assert np.count_nonzero(frame.visible) == len(frame.buckets.order)
 
 
-def test_a_long_shot_keeps_few_crowds_and_stays_a_function_of_the_frame(monkeypatch):
-    monkeypatch.setattr(morton_order, "FEWEST", 1)
+def test_a_long_shot_keeps_few_crowds_and_stays_a_function_of_the_frame(in_blocks, monkeypatch):
     camera = straight(offset=(0, -30, 0))
     policy = LevelPolicy((0.3, 0.6))
     times = 700, 130, 500, 65, 64.5, 300, 129, 1, 499.25, 700

@@ -17,7 +17,6 @@ from crowd_lod_extension.crowd_lod.shot.overrides import agents_text, parse_agen
 from crowd_lod_extension.crowd_lod.sources.changed import CrowdOverride, Overridden
 from crowd_lod_extension.crowd_lod.sources.several import Several
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
-from crowd_lod_extension.crowd_lod.world import morton_order
 from crowd_lod_extension.crowd_lod.world.first_frame import populate
 from crowd_lod_extension.crowd_lod.world.height_map import HeightMap
 from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap
@@ -38,10 +37,10 @@ def some_agents(*agents):
     return np.array(agents, np.intp)
 
 
-@pytest.fixture(params=[1, 10**9], ids=["blocks", "each agent"])
-def blocks(request, monkeypatch):
-    monkeypatch.setattr(morton_order, "FEWEST", request.param)
+@pytest.fixture
+def blocks(blocks, monkeypatch):
     monkeypatch.setattr(culling_blocks, "SIZE", 8)
+    return blocks
 
 
 def hills(area=AREA):
@@ -157,8 +156,7 @@ def test_a_crowd_that_stands_keeps_its_plan_though_some_are_moved():
 
 @pytest.mark.once
 @pytest.mark.parametrize("edge", ["clamp", "wrap", "reflect"])
-def test_blocks_hold_for_agents_moved_far_away(edge, monkeypatch):
-    monkeypatch.setattr(morton_order, "FEWEST", 1)
+def test_blocks_hold_for_agents_moved_far_away(edge, in_blocks):
     base = shot(walking(edge), groups=GROUPS)
     random = np.random.default_rng(6)
     overridden = Overridden(
@@ -176,8 +174,7 @@ def test_blocks_hold_for_agents_moved_far_away(edge, monkeypatch):
             assert (BLOCKS in frame.left_out) == (edge != "wrap")
 
 
-def test_agents_of_a_file_are_edited_by_their_ids_while_they_are_there(monkeypatch):
-    monkeypatch.setattr(morton_order, "FEWEST", 1)
+def test_agents_of_a_file_are_edited_by_their_ids_while_they_are_there(in_blocks):
     base = recorded()
     random = np.random.default_rng(8)
     agents = np.sort(random.choice(300, 90, replace=False))
@@ -256,7 +253,7 @@ def test_nobody_is_missed_and_leave_outs_change_nothing_whatever_is_edited(block
             assert known(frame) == known(plan(fresh, camera, POLICY, time, shutter))
 
     exact()
-    assert (BLOCKS in outcomes) == (morton_order.FEWEST == 1)
+    assert (BLOCKS in outcomes) == blocks
 
 
 def test_who_is_hidden_casts_no_shadow_and_is_in_no_figure(blocks):

@@ -13,7 +13,6 @@ from crowd_lod_extension.crowd_lod.frame.shadows import Surroundings, surround
 from crowd_lod_extension.crowd_lod.sources.several import Several
 from crowd_lod_extension.crowd_lod.tracks.rows import Rows
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
-from crowd_lod_extension.crowd_lod.world import morton_order
 from crowd_lod_extension.crowd_lod.world.height_map import HeightMap
 from crowd_lod_extension.crowd_lod.world.maps import Area
 from crowd_lod_extension.crowd_lod.world.terrain import Terrain
@@ -147,10 +146,8 @@ def test_who_crosses_a_gap_is_fast_until_its_end():
 
 
 @pytest.mark.once
-@pytest.mark.parametrize("fewest", [1, 10**9], ids=["blocks", "each agent"])
 @pytest.mark.parametrize("kind", ["alone", "heights", "terrain", "several"])
-def test_nobody_is_missed_and_leave_outs_change_nothing(monkeypatch, fewest, kind):
-    monkeypatch.setattr(morton_order, "FEWEST", fewest)
+def test_nobody_is_missed_and_leave_outs_change_nothing(blocks, kind):
     random = np.random.default_rng(9)
     heights = (
         HeightMap(random.uniform(0, 3, (9, 9)).astype(np.float32), Area(-60, -20, 60, 120))
@@ -184,7 +181,7 @@ def test_nobody_is_missed_and_leave_outs_change_nothing(monkeypatch, fewest, kin
         assert known(frame) == known(full_plan(crowd, camera, POLICY, time, frame.shutter))
         lit = surround(frame, Surroundings(lights=(Light(None, np.array([0.6, 0.0, -0.8])),)))
         assert there[lit.shadow.order].all()
-    assert (BLOCKS in found) == (fewest == 1)
+    assert (BLOCKS in found) == blocks
 
 
 def line(x, y=None, rate=10.0, **more):

@@ -13,7 +13,6 @@ from crowd_lod_extension.crowd_lod.frame.reasons import Reason, reasons
 from crowd_lod_extension.crowd_lod.frame.shadows import Surroundings, surround
 from crowd_lod_extension.crowd_lod.sources.several import Several
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
-from crowd_lod_extension.crowd_lod.world import morton_order
 from crowd_lod_extension.crowd_lod.world.first_frame import populate
 from crowd_lod_extension.crowd_lod.world.height_map import HeightMap
 from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap
@@ -43,11 +42,6 @@ def several(edge="clamp", heights=None, shown=(True, True, True)):
 
 def hills():
     return HeightMap(np.random.default_rng(4).uniform(0, 2, (9, 9)).astype(np.float32), BESIDE)
-
-
-@pytest.fixture(params=[1, 10**9], ids=["blocks", "each agent"])
-def blocks(request, monkeypatch):
-    monkeypatch.setattr(morton_order, "FEWEST", request.param)
 
 
 def test_agents_follow_one_another_and_numbers_stay():
@@ -88,7 +82,7 @@ def test_nobody_is_missed(blocks, edge):
             ]
             assert not missed
         assert known(frame) == known(full_plan(crowds, camera, POLICY, time, frame.shutter))
-    assert (BLOCKS in found) == (morton_order.FEWEST == 1 and edge != "wrap")
+    assert (BLOCKS in found) == (blocks and edge != "wrap")
 
 
 def test_a_crowd_that_is_not_shown_is_absent_in_all_that_follows(blocks):

@@ -10,7 +10,6 @@ from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
-from crowd_lod_extension.crowd_lod.world import morton_order
 from crowd_lod_extension.crowd_lod.world.maps import Area
 from crowd_lod_extension.crowd_lod.world.spawn_places import (
     Places,
@@ -237,12 +236,8 @@ def seats():
     return Places(points, heading)
 
 
-@pytest.mark.parametrize("fewest", [1, 10**9], ids=["blocks", "each agent"])
 @pytest.mark.parametrize("timed", [False, True], ids=["one state", "cheering"])
-def test_who_never_walks_keeps_place_height_and_heading_and_nobody_is_missed(
-    fewest, timed, monkeypatch
-):
-    monkeypatch.setattr(morton_order, "FEWEST", fewest)
+def test_who_never_walks_keeps_place_height_and_heading_and_nobody_is_missed(blocks, timed):
     states = {
         "sit": {"color": "#ff0000", "after": [1, 3], "then": "cheer", "on": {"*": {}}},
         "cheer": {"color": "#00ff00", "after": [1, 2], "then": "sit", "on": {"*": {}}},

@@ -12,7 +12,6 @@ from crowd_lod_extension.crowd_lod.culling.camera import Window
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
-from crowd_lod_extension.crowd_lod.world import morton_order
 from crowd_lod_extension.crowd_lod.world.height_map import HeightMap
 from crowd_lod_extension.crowd_lod.world.maps import Area
 from crowd_lod_extension.crowd_lod.world.terrain import STEP, Terrain, upward
@@ -200,10 +199,8 @@ def test_nobody_starts_within_stairs():
 
 
 @pytest.mark.once
-@pytest.mark.parametrize("fewest", [1, 10**9], ids=["blocks", "each agent"])
 @pytest.mark.parametrize("edge", ["clamp", "wrap"])
-def test_nobody_on_terrain_is_missed(fewest, edge, monkeypatch):
-    monkeypatch.setattr(morton_order, "FEWEST", fewest)
+def test_nobody_on_terrain_is_missed(blocks, edge):
     table = walking(edge)
     found = set()
     table.velocity[:] = (0.5, 1.5), (0.5, 1.5)
@@ -222,15 +219,14 @@ def test_nobody_on_terrain_is_missed(fewest, edge, monkeypatch):
                 a for a in np.flatnonzero(~frame.visible) if sees(camera, places[a], IDLER.radius)
             ]
         assert known(frame) == known(full_plan(crowd, camera, POLICY, time, frame.shutter))
-    assert (BLOCKS in found) == (fewest == 1)
+    assert (BLOCKS in found) == blocks
     assert len(np.unique(crowd.at(301).z)) > 5
 
 
-def test_who_falls_from_a_floor_into_the_picture_is_seen(monkeypatch):
+def test_who_falls_from_a_floor_into_the_picture_is_seen(in_blocks):
     """Blocks made on the upper floor would not hold them, if the ground were as gentle as the
     walk.
     """
-    monkeypatch.setattr(morton_order, "FEWEST", 1)
     table = walking()
     random = np.random.default_rng(7)
     table.velocity[:] = 0, -1.5

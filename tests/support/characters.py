@@ -109,6 +109,18 @@ def new(name: str, data) -> bpy.types.Object:
     return bpy.data.objects.new(name, data)
 
 
+def box(name: str, low, high) -> bpy.types.Object:
+    """A box mesh between two corners, in the scene."""
+    x, y, z = zip(low, high, strict=True)
+    corners = [(x[i], y[j], z[k]) for i in (0, 1) for j in (0, 1) for k in (0, 1)]
+    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata(corners, [], faces)
+    item = new(name, mesh)
+    bpy.context.scene.collection.objects.link(item)
+    return item
+
+
 def painted(name, image, coordinates=None):
     """A material whose color is the image, placed by these coordinates."""
     material = bpy.data.materials.new(name)

@@ -6,6 +6,17 @@ import numpy as np
 from crowd_lod_extension.crowd_lod.crowd.state_machine import parse
 from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap
 
+# States that draw, wait and turn.
+LIVELY = {
+    "walk": {
+        "start": 1, "after": [0.3, 2], "then": {"rest": 1, "walk": 1, "run": 1},
+        "on": {"ground": {"move": [1.1, 0.3]}, "wall": {"next": {"back": 2, "walk": 1}, "move": [0.2, 0.1]}},
+    },
+    "run": {"after": 1.5, "then": "walk", "on": {"*": {"move": [-3, 2]}, "wall": {"next": "rest"}}},
+    "back": {"on": {"*": {"move": [-1.3, -0.9]}, "wall": {"next": {"walk": 1, "run": 1}, "move": [-2, 0]}}},
+    "rest": {"after": [0.2, 0.9], "then": "walk", "on": {"*": {}}},
+}  # fmt: skip
+
 
 def machine_of(states, edge="clamp", labels=("ground", "wall")):
     colors = {name: {"color": f"#0000{i:02x}"} for i, name in enumerate(labels)}
