@@ -1,5 +1,6 @@
 """Who is hidden by scenery, against rays that meet boxes and triangles one by one."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -133,6 +134,18 @@ def test_a_pan_loses_of_a_wall_only_what_its_ends_pass():
     aside = np.linspace(-0.3, 0.3, 7)  # the ends stand at 0.54 rad
     crowd = np.column_stack([30 * np.sin(aside), 30 * np.cos(aside), np.full(7, 1.7)])
     assert film.hides(film.rectangles(crowd, np.full(7, 0.9))).all()
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_who_shows_in_a_pixel_beside_a_wall_is_not_hidden(side):
+    """A render's film takes rays from up to a pixel beside a pixel's own."""
+    ends = np.sort([0, 9 * side])
+    wall = box_mesh(np.array([ends[0], 10, -9]), np.array([ends[1], 11, 9]))
+    camera = replace(looking((0, 0, 0), np.pi / 2, kind="ORTHO"), pixels=(40, 22))  # 1 m each
+    film = OcclusionMap(wall, camera)
+    beside, behind = (np.array([[(0.5 + gap) * side, 20, 0]]) for gap in (0.8, 1.5))
+    hidden = [film.hides(film.rectangles(each, np.array([0.5]))) for each in (beside, behind)]
+    assert [bool(each) for (each,) in hidden] == [False, True]
 
 
 def test_ground_hides_what_is_below_it():
