@@ -1,4 +1,5 @@
 from dataclasses import replace
+from time import perf_counter
 
 import numpy as np
 import pytest
@@ -19,7 +20,16 @@ def test_costs_are_those_of_the_agents_counted_one_by_one():
     level = frame.levels
     assert frame.vertices == sum(trajectory.groups[group[i]].vertices[level[i]] for i in seen)
     assert frame.full_triangles == sum(trajectory.groups[g].triangles[0] for g in group)
-    assert set(frame.milliseconds) == {"behavior", "culling", "levels", "sorting"}
+
+
+def test_milliseconds_of_the_stages_are_those_of_the_plan():
+    trajectory = shot()
+    begin = perf_counter()
+    frame = plan(trajectory, straight(), LevelPolicy((0.3, 0.6)), 40)
+    whole = 1000 * (perf_counter() - begin)
+    assert list(frame.milliseconds) == ["behavior", "culling", "levels", "sorting"]
+    assert min(frame.milliseconds.values()) > 0
+    assert sum(frame.milliseconds.values()) < whole
 
 
 def test_a_plan_does_not_depend_on_what_was_asked_before():
