@@ -121,6 +121,19 @@ def test_work_is_what_one_counts(known):
         assert work.emitting[f] == sum(triangles[1, k] / 4 for k, n in set(agents) if owner[n])
 
 
+def test_a_group_of_fewer_lods_costs_what_it_does_without_copies_of_its_last():
+    random = np.random.default_rng(6)
+    triangles = np.array([[900, 300, 300, 300], [800, 400, 200, 50]])
+    owner = np.array([0, 0, 0, 1, 1])
+    shown = random.poisson(0.7, (4, 4, 5))
+    once = shown.copy()
+    once[:, 1, :3] = shown[:, 1:, :3].sum(axis=1)
+    once[:, 2:, :3] = 0
+    copied, alone = (work_of(Actors(triangles, owner), each, 0.0, True) for each in (shown, once))
+    for name, value in vars(alone).items():
+        assert getattr(copied, name) == pytest.approx(value), name
+
+
 def test_a_price_is_that_of_the_dearest_frame_and_of_the_mean_one():
     work = Work(
         posed=100.0,
