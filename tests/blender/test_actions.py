@@ -11,7 +11,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.animation.skinning import pose, skin
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.blender import mesh_data, scene_data
+from crowd_lod_extension.operators.blender import scene_data
 from crowd_lod_extension.operators.blender.named_actions import performance_of
 from crowd_lod_extension.operators.build import bake, render_setup
 from crowd_lod_extension.operators.lods import deviation
@@ -24,6 +24,7 @@ from crowd_lod_extension.operators.viewport.draw_data import Style, drawing
 from crowd_lod_extension.sample_scenes.characters import make_characters
 
 from ..support.coarse_characters import CAGE
+from ..support.rigs import itself
 from ..support.scene_frames import frame_now
 from .test_rigs import instances
 
@@ -69,31 +70,6 @@ def ready(saved_once, request):
     return saved_once("waiting", lambda: levelled(request.getfixturevalue("waiting")))
 
 
-def itself(scene, group, action, phase):
-    """The points (v, 3) of the character `group` that plays `action` at `phase`, evaluated alone,
-    about its origin.
-    """
-    _, objects, origin = characters_of(scene)[group]
-    stage = bpy.data.scenes.new("itself")
-    (rig,) = {item.parent for item in objects}
-    for item in (rig, *objects):
-        stage.collection.objects.link(item)
-    before = rig.animation_data.action
-    rig.animation_data.action = action
-    first, last = action.frame_range
-    frame = first + phase * (last - first)
-    stage.frame_set(int(frame // 1), subframe=frame % 1)
-    depsgraph = stage.view_layers[0].depsgraph
-    points = [
-        mesh_data.world_points(item.evaluated_get(depsgraph))
-        for item in objects
-        if item.type == "MESH"
-    ]
-    rig.animation_data.action = before
-    bpy.data.scenes.remove(stage)
-    return np.concatenate(points) - origin
-
-
 def agents_of(scene, number):
     """(agent, its own action, its phase) of the first agents that the camera sees of each state and
     group.
@@ -128,7 +104,7 @@ def worst(scene, number):
         angle = crowd.heading[agent] + scene_data.rotation(scene.crowd_lod.forward)
         c = np.cos(angle)
         s = np.sin(angle)
-        points = itself(scene, crowd.group[agent], action, phase) @ np.array(
+        points = itself(scene, crowd.group[agent], phase, action) @ np.array(
             [[c, s, 0], [-s, c, 0], [0, 0, 1]]
         )
         points += [crowd.x[agent], crowd.y[agent], crowd.z[agent]]
@@ -170,7 +146,7 @@ def test_the_overlay_has_the_frames_of_each_action(ready):
                 count - 1
             ):  # between frames it mixes matrices
                 mine = skin(character.meshes[0], pose(frames, np.array([phase], np.float32)))[0]
-                own = itself(scene, group, action, phase)
+                own = itself(scene, group, phase, action)
                 nearest = np.linalg.norm(mine[:, None] - own[None, ::7], axis=2).min(axis=0)
                 assert nearest.max() < 1e-4
 
@@ -327,7 +303,7 @@ def test_agents_have_sizes_of_their_own_in_build_bake_and_overlay_and_spheres_ho
             s = np.sin(angle)
             points = (
                 size
-                * itself(scene, crowd.group[agent], action, phase)
+                * itself(scene, crowd.group[agent], phase, action)
                 @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
             )
             place = np.array([crowd.x[agent], crowd.y[agent], crowd.z[agent]])

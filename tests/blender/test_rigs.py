@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd.agents import CLASSES
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.blender import image_data, mesh_data, named_actions, scene_data
+from crowd_lod_extension.operators.blender import image_data, named_actions, scene_data
 from crowd_lod_extension.operators.blender.animation import action_range
 from crowd_lod_extension.operators.blender.evaluation import as_rendered
 from crowd_lod_extension.operators.build import render_setup, rigs, shelves
@@ -16,6 +16,7 @@ from crowd_lod_extension.operators.build.shelves import RIGS, SHELF
 from crowd_lod_extension.operators.lods.make_lods import make_levels
 from crowd_lod_extension.operators.scene.scene_crowd import characters_of, read_crowd, trajectory_of
 
+from ..support.rigs import itself
 from ..support.scene_frames import frame_now
 
 
@@ -40,29 +41,6 @@ def instances(scene):
                 )
             )
     return agents
-
-
-def itself(scene, group, phase):
-    """The points (v, 3) of the character `group` at `phase` of its action, evaluated alone, about
-    its origin.
-    """
-    name, objects, origin = characters_of(scene)[group]
-    first, last = action_range(objects)
-    stage = bpy.data.scenes.new("itself")
-    for item in objects:
-        stage.collection.objects.link(item)
-        if item.parent and item.parent.name not in stage.collection.objects:
-            stage.collection.objects.link(item.parent)
-    frame = first + phase * (last - first)
-    stage.frame_set(int(frame // 1), subframe=frame % 1)
-    depsgraph = stage.view_layers[0].depsgraph
-    points = [
-        mesh_data.world_points(item.evaluated_get(depsgraph))
-        for item in objects
-        if item.type == "MESH"
-    ]
-    bpy.data.scenes.remove(stage)
-    return np.concatenate(points) - origin
 
 
 def worst(scene, frame, agents=4):

@@ -10,7 +10,8 @@ from crowd_lod_extension.operators.scene.characters.character_notes import notes
 from crowd_lod_extension.operators.scene.scene_crowd import characters_of
 
 from ..support.messages import sentences
-from .test_actions import going, group_of, itself, name_actions, waiting  # noqa: F401
+from ..support.rigs import itself
+from .test_actions import going, group_of, name_actions, waiting  # noqa: F401
 
 
 def test_a_stride_is_measured_by_the_feet_and_an_idle_plays_by_time(waiting):  # noqa: F811
@@ -67,7 +68,7 @@ def test_root_motion_is_taken_out_and_is_the_stride(waiting):  # noqa: F811
         act.rest()
         assert (
             np.abs(
-                mine - itself(waiting, 0, bpy.data.actions["walk adult"], (frame - 1) / 26)
+                mine - itself(waiting, 0, (frame - 1) / 26, bpy.data.actions["walk adult"])
             ).max()
             < 1e-5
         )

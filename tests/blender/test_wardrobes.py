@@ -22,11 +22,12 @@ from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 from crowd_lod_extension.operators.viewport.draw_data import by_material
 from crowd_lod_extension.operators.viewport.skinned_characters import SkinnedCharacter
 
+from ..support.rigs import itself
 from ..support.scatter import scatter
 from ..support.scene_frames import frame_now
 from .test_points_source import crowd_of
 from .test_props import ball
-from .test_rigs import instances, itself
+from .test_rigs import instances
 
 PARTS = ["adult", "adult + cap", "adult + crown", "adult + bob", "child"]
 
