@@ -221,8 +221,8 @@ def _no_stride(several: Sequence[Message], _: str) -> str:
         why = "and agents stand"
     plays, owner = (f"action {action}", "the action") if action else ("own animation", "the group")
     return (
-        f"The {plays} moves {moves}, {why}: that is no stride, so it plays by time. If it is one, "
-        f"give {owner} a custom property stride, in meters."
+        f"The {plays} moves {moves}, {why}: that is no stride, so it plays by time. To "
+        f"make it one, give {owner} a custom property stride, in meters."
     )
 
 
@@ -266,7 +266,7 @@ def chosen_by(name: bool) -> str:
 
 
 def _glides(several: Sequence[Message], button: str) -> str:
-    verb, pronoun = ("plays", "it") if len(several) == 1 else ("play", "them")
+    verb, pronoun = ("has", "it") if len(several) == 1 else ("have", "them")
     walks = sorted({walk for walk in _facts(several, "walk") if walk})
     others, refused = (
         list(dict.fromkeys(name for names in _facts(several, fact) for name in names))
@@ -285,21 +285,21 @@ def _glides(several: Sequence[Message], button: str) -> str:
         way = f"import the file of the pack that holds its motion, then press {button}"
     other_skeleton = f" Made for another skeleton: {listed(refused)}." if refused else ""
     return (
-        f"{_subjects(several)} {verb} no action and would glide in the bind pose: {way}. Or press "
-        f"Stand Still.{other_skeleton}"
+        f"{_subjects(several)} {verb} no action, and would glide: {way}. Or press Stand Still."
+        f"{other_skeleton}"
     )
 
 
 def _glows(several: Sequence[Message], _: str) -> str:
     effect = (
-        "their agents stay in the render"
+        "so culled agents stay in the render"
         if several[0].facts["stays"]
-        else "culling takes it away without Shadows and Reflections"
+        else "which culling removes without Shadows and Reflections"
     )
+    verb = "casts" if len(several) == 1 else "cast"
     return (
-        f"In Cycles light comes from {_each(several, '{subject} (material {material})')}, and "
-        f"{effect}: if that is not meant, mix the emission with Transparent by Light Path > Is "
-        f"Camera Ray."
+        f"In Cycles {_each(several, '{subject} (material {material})')} {verb} light, {effect}: to "
+        f"avoid it, mix the emission with Transparent by Light Path > Is Camera Ray."
     )
 
 

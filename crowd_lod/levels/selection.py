@@ -348,8 +348,8 @@ def fit_in_memory(
     least = bytes_at(most)
     if least > memory:
         raise CrowdError(
-            f"The characters cannot take less than {np.ceil(least / 1e6):,.0f} MB: set Memory for "
-            f"Characters to that, or use fewer character groups."
+            f"The characters cannot take less than {np.ceil(least / 1e6):,.0f} MB: set "
+            "Character Memory to that, or use fewer character groups."
         )
     search = least_tolerance(lambda pixels: bytes_at(pixels) <= memory, tolerance, most)
     reached = finished(search)

@@ -163,8 +163,8 @@ def check_level(
     ]
     if lacks:
         raise CrowdError(
-            f"The override {name} asks for LOD {level} of {names[lacks[0]]}, which Memory for "
-            f"Characters leaves out: ask for LOD "
+            f"The override {name} asks for LOD {level} of {names[lacks[0]]}, which "
+            f"Character Memory leaves out: ask for LOD "
             f"{finest[lacks[0]]}, or raise that limit and make the LOD meshes again."
         )
 

@@ -161,9 +161,8 @@ class Points(Trajectory):
         """Return the crowd at `time`, in frames; CrowdError if it is not the time of the points."""
         if abs(time - self.time) > SAME_TIME:
             raise CrowdError(
-                f"Where the points of {self.name} are at frame {time:g} is not known at frame "
-                f"{self.time:g}: press Record Points, which writes down where they are in all "
-                "frames of the shot."
+                f"The points of {self.name} at frame {time:g} are not known at frame "
+                f"{self.time:g}: press Record Points, which writes those of all frames of the shot."
             )
         return self.start
 

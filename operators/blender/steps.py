@@ -155,10 +155,11 @@ class Step:
 
     name: the bl_idname of its operator. dropped: why it was ended early, in words; "" if it is not.
     renders: whether it renders; viewports then show the build alone, without the overlay.
+    doing: the bl_idname of the operator whose work it does now: of Update All that of a step.
     """
 
     def __init__(self, name: str, slices: Slices, renders: bool, window: bpy.types.Window):
-        self.name = name
+        self.name = self.doing = name
         self.slices = slices
         self.renders = renders
         self.dropped = ""
@@ -201,6 +202,12 @@ _at_work: list[Step] = []  # one at most
 def at_work() -> Step | None:
     """Return the step at work in a window, or None."""
     return _at_work[0] if _at_work else None
+
+
+def note_doing(operator: str) -> None:
+    """Note whose work the step at work does now, if one is."""
+    for step in _at_work:
+        step.doing = operator
 
 
 def renders() -> bool:

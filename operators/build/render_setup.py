@@ -221,7 +221,7 @@ def _fit_points(top: bpy.types.Collection, count: int) -> None:
 def notes_on_built(crowd: SceneCrowd, built: BuiltCharacters) -> str:
     """Return sentences on how the build differs from the characters; "" if nowhere.
 
-    Also on edited characters, and on LODs that deviate to fit in Memory for Characters.
+    Also on edited characters, and on LODs that deviate to fit in Character Memory.
     """
     sentences = [
         to_make_again(crowd.scene),

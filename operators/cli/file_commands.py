@@ -272,10 +272,10 @@ def add_update(commands, program: str) -> None:
 def update_file(args) -> dict:
     """Run the command update."""
     if args.scene in sample_scenes.NAMES:
-        raise CrowdError("A sample is no file: write it with the command sample, and update that.")
+        raise CrowdError("A sample is no file: write one by the command sample, and update that.")
     scene = open_scene(args.scene)
     if not bpy.data.filepath:
-        raise CrowdError("The open file has no place yet: save it, or give a .blend file.")
+        raise CrowdError("The open file is not saved yet: save it, or give a .blend file.")
     path = blend_path(Path(bpy.data.filepath))
     steps = update_all(scene, bakes=args.bake)
     sentences = finish(steps, f"update of {stem_of(args)}", args.quiet)

@@ -14,6 +14,7 @@ from ...crowd_lod.progress import Workload
 from ..blender import scene_data
 from ..blender.operator import Stepwise
 from ..blender.provenance import name_inputs
+from ..blender.steps import note_doing
 from ..build.buttons import bake_frames, build_live
 from ..freshness.artifacts import (
     BAKE,
@@ -150,6 +151,7 @@ def update_all(
         if (yield from work.take(_reason(scene, step, bakes))):
             if sentences:
                 note(next(reversed(sentences)))
+            note_doing(step.artifact.operator)
             try:
                 sentences[step.label] = yield from work.take(step.work(scene), step.seconds(scene))
             except FAULTS as fault:

@@ -61,7 +61,12 @@ class Change(NamedTuple):
     now: str
 
     def __str__(self) -> str:
-        return f"{self.part} {self.before} (now {self.now})" if self.part in WORDED else self.part
+        if self.part == GROUPS:
+            went = f"removed {self.before}" * bool(self.before)
+            came = f"added {self.now}" * bool(self.now)
+            return f"{self.part} ({', '.join(filter(None, [came, went]))})"
+        was = f"{self.part} (was {self.before}, now {self.now})"
+        return was if self.part in WORDED else self.part
 
 
 class Artifact(NamedTuple):
@@ -226,7 +231,7 @@ def _settle_crowd(scene: bpy.types.Scene, made_of: Parts, parts: Parts) -> list[
             now = change.now.splitlines()
             went = ", ".join(line for line in before if line not in now)
             came = ", ".join(line for line in now if line not in before)
-            changes.append(Change(GROUPS, went or "none", came or "none"))
+            changes.append(Change(GROUPS, went, came))
         elif change.part == SPEEDS:
             changes += [change] * travels
         elif not change.part.startswith(MOTION) or (change.before and change.now):
@@ -307,8 +312,8 @@ def _settle_bake(scene: bpy.types.Scene, made_of: Parts, parts: Parts) -> list[C
 def _no_proof(scene: bpy.types.Scene) -> str:
     proof = _proofs.get(scene.session_uid)
     if proof is None:
-        return "there is no proof"
-    return "" if proof.ok else "the last proof does not hold"
+        return "the shot is not verified yet"
+    return "" if proof.ok else "the last proof failed"
 
 
 def proof_parts(scene: bpy.types.Scene) -> Parts:

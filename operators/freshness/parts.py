@@ -21,7 +21,6 @@ from ..scene.machine.scene_world import actions_named
 from ..scene.scene_crowd import SceneCrowd, read_crowd
 from ..scene.shot_overrides import digest_of
 from ..scene.shot_reference import ASKED, CAMERA, OVERRIDES, content_of, plan_inputs
-from ..scene.sources.crowd_parts import GROUPS
 from ..settings.crowds import crowds_of
 from ..settings.stored_figures import budget_of, budget_words, limits_levels
 
@@ -35,7 +34,7 @@ RANGE = "the frame range"
 SKY = "the light of the sky"
 WORDED = {
     *(RATIOS, "tolerance", MEMORY, BUDGET, "resolution", "engine", "actions", "lens"),
-    *(SIMPLIFY, LEVELS, LOD_GROUPS, GROUPS),
+    *(SIMPLIFY, LEVELS, LOD_GROUPS),
 }
 # what live builds follow by themselves
 FOLLOWED = CAMERA, RANGE, SKY, "the resolution"

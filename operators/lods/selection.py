@@ -201,8 +201,7 @@ def choose_candidates(
     most = MOST_RAISED * reached
     if not fits(most):
         raise CrowdError(
-            "No LODs hold both the budget and Memory for Characters: raise one of them, or set it "
-            "to 0."
+            "No LODs hold both the budget and Character Memory: raise one of them, or set it to 0."
         )
     choice = chosen(finished(least_tolerance(fits, reached, most)))
     return replace(choice, budget_tolerance=choice.tolerance)

@@ -167,8 +167,7 @@ def _whom(entry, trajectory: Trajectory) -> Callable[[float, evaluation.At], np.
         return lambda time, at: agents
     if entry.region is None or entry.region.type not in REGIONS:
         raise CrowdError(
-            f"The override {entry.name} has no region: choose a mesh or an empty about the agents "
-            f"it means."
+            f"The override {entry.name} has no region: choose a mesh or an empty around its agents."
         )
     return partial(_inside, entry.region, entry.name, trajectory)
 

@@ -105,7 +105,7 @@ def _add_wall_label(crowd) -> str:
     if text is None or text.library is not None:
         text = crowd.machine = bpy.data.texts.new(name)
     text.from_string(content)
-    return f" The state machine {text.name} turns agents back at them."
+    return f" Agents turn back there (state machine {text.name})."
 
 
 CLASSES = (CROWDLOD_OT_walls_from_selection,)

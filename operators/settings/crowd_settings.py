@@ -308,8 +308,8 @@ class BehaviorSettings:
     height_image: PointerProperty(
         type=bpy.types.Image,
         name="Height Map",
-        description="Heights over the ground, from the first channel; agents stand on it. None is "
-        "level ground",
+        description="Heights over the ground, from the first channel; agents stand on it. If "
+        "empty, the ground is level",
     )
     height_scale: FloatProperty(
         name="Height",
@@ -341,7 +341,7 @@ class BehaviorSettings:
     machine: PointerProperty(
         type=bpy.types.Text,
         name="State Machine",
-        description="What agents do on each label, as JSON. None lets them walk to and fro "
+        description="What agents do on each label, as JSON. If empty, they walk to and fro "
         "between the edges",
     )
     first_frame: IntProperty(
@@ -364,7 +364,7 @@ class SimulationSettings:
         description="Goals that people walk to; if empty, the label exit",
     )
     goal_choice: EnumProperty(
-        name="Choice",
+        name="Goal Choice",
         description="Which goal a person walks to",
         items=[
             ("NEAREST", "Nearest", "The one that is nearest where the person starts"),
@@ -379,8 +379,8 @@ class SimulationSettings:
         ),
     )
     wall_labels: StringProperty(
-        name="Walls",
-        description="Labels that nobody enters, such as house, pillar; if empty, the label wall",
+        name="Wall Labels",
+        description="Labels that no one enters, such as house, pillar; if empty, the label wall",
     )
     obstacles: PointerProperty(
         type=bpy.types.Collection,
@@ -470,8 +470,7 @@ class CameraSettings:
     sky_light: BoolProperty(
         name="Sky Light",
         default=True,
-        description="In Cycles, keep characters near the picture that take light of the sky from "
-        "what it shows",
+        description="In Cycles, keep characters near the picture that block light of the sky",
     )
     mirrors: PointerProperty(
         type=bpy.types.Collection,
@@ -481,8 +480,8 @@ class CameraSettings:
     occlusion: BoolProperty(
         name="Occlusion Culling",
         description=(
-            "Leave out characters that opaque meshes hide from the camera, and their shadows if "
-            "these are hidden, too. Estimate Cost tells how much it saves"
+            "Skip characters that opaque meshes hide from the camera, and their shadows if hidden, "
+            "too. Estimate Cost tells how much it saves"
         ),
     )
     occlusion_exclude: PointerProperty(

@@ -239,7 +239,7 @@ class CrowdLodGroup(HowItPlays, bpy.types.PropertyGroup):
         name="Finest LOD",
         min=0,
         max=MOST_LEVELS - 1,
-        description="Finer LODs of this group are not built, to fit in Memory for Characters",
+        description="Finer LODs of this group are not built, to fit in Character Memory",
     )
     use_custom_thresholds: BoolProperty(
         name="Custom Thresholds", description="This group has LOD distances of its own"
@@ -290,7 +290,7 @@ class LevelSettings:
     )
     memory: FloatProperty(
         update=outdate,
-        name="Memory for Characters",
+        name="Character Memory",
         min=0,
         soft_max=16_000,
         precision=0,

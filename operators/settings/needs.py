@@ -53,7 +53,7 @@ def plan(scene: bpy.types.Scene) -> str:
 
 
 def build(scene: bpy.types.Scene) -> str:
-    return "" if scene.crowd_lod.build is not None else "The scene has no build"
+    return "" if scene.crowd_lod.build is not None else "The scene has no build: press Build"
 
 
 def crowds(scene: bpy.types.Scene) -> str:
@@ -67,7 +67,7 @@ def points(scene: bpy.types.Scene) -> str:
 
 
 def overrides(scene: bpy.types.Scene) -> str:
-    return "" if len(scene.crowd_lod.overrides) else "There are no overrides"
+    return "" if len(scene.crowd_lod.overrides) else "There are no overrides: add one to the list"
 
 
 def place(scene: bpy.types.Scene) -> str:

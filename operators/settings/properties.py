@@ -93,12 +93,12 @@ class CrowdLodSettings(*(part for part in ALL if part not in CROWD), bpy.types.P
         name="Tolerance for Memory",
         min=0,
         subtype="PIXEL",
-        description="Pixels that LODs deviate so that they fit in Memory for Characters, as Make "
+        description="Pixels that LODs deviate so that they fit in Character Memory, as Make "
         "LOD Meshes found; 0 without a limit",
     )
     memory_made: FloatProperty(
         name="Memory Limit of LODs",
-        description="Memory for Characters when LOD meshes were last made",
+        description="Character Memory when LOD meshes were last made",
     )
     dropped: StringProperty(
         name="Not Made",

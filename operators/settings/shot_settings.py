@@ -29,10 +29,10 @@ class CrowdLodOverride(bpy.types.PropertyGroup):
         items=[
             (
                 "NEVER_COARSER",
-                "Never Coarser Than",
+                "Never Coarser",
                 "Agents never get a coarser LOD than this one",
             ),
-            ("ALWAYS", "Always", "Agents always have this LOD"),
+            ("ALWAYS", "Pin LOD", "Agents always have this LOD"),
             ("HIDE", "Hide", "Agents are removed, with their shadows and reflections"),
             ("NUDGE", "Nudge", "Agents are moved aside from their path"),
             ("GROUP", "Swap Group", "Agents are shown as this character group"),

@@ -176,7 +176,7 @@ class CROWDLOD_OT_erase(Reporting, bpy.types.Operator):
         region = context.object
         settings = context.scene.crowd_lod
         if region is None or region.type not in REGIONS:
-            raise CrowdError("No mesh or empty is active: select one about the agents to erase.")
+            raise CrowdError("No mesh or empty is active: select one around the agents to erase.")
         entry = settings.overrides.add()
         try:
             entry.select_by = "REGION"

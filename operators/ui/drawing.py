@@ -83,7 +83,7 @@ def button(
         done = step.slices.progress
         row = layout.row()
         row.ui_units_x = PROGRESS_WIDTH
-        row.progress(factor=done, text=f"{AT_WORK[name]}... {done:.0%}", translate=False)
+        row.progress(factor=done, text=f"{AT_WORK[step.doing]}... {done:.0%}", translate=False)
         return None
     row = layout.row(align=True)
     row.active_default = name == following

@@ -6,7 +6,7 @@ from ..scene.machine.scene_world import machine_of
 from ..scene.sources.simulation_sites import lacking
 from ..settings.crowd_settings import may_be_goal
 from ..settings.crowds import active_or_new
-from .drawing import button, label
+from .drawing import button, label, wide
 from .settings_list import SettingsList, draw_list
 
 
@@ -53,6 +53,7 @@ GOALS = SettingsList(
 def draw_simulation(layout, context, crowd) -> None:
     """Draw the settings of a simulated crowd and its button."""
     editor = context.scene.crowd_lod_editor
+    label(layout, "Goals")
     draw_list(layout, crowd, "goal", editor, rows=3)
     if len(crowd.goals):
         goal = crowd.goals[min(editor.goal_index, len(crowd.goals) - 1)]
@@ -61,9 +62,11 @@ def draw_simulation(layout, context, crowd) -> None:
             layout.prop_search(goal, "label", context.window_manager.crowd_lod_rows, "labels")
         if crowd.goal_choice == "SHARES":
             layout.prop(goal, "share")
+    layout.prop(crowd, "goal_choice")
+    wide(layout, crowd, "people_a_minute")
     for name in (
-        *("goal_choice", "people_a_minute", "walking_speed"),
-        *("spawn_labels", "wall_labels", "obstacles", "waiting_action", "simulated_seconds"),
+        *("walking_speed", "spawn_labels", "wall_labels", "obstacles"),
+        *("waiting_action", "simulated_seconds"),
     ):
         layout.prop(crowd, name)
     button(layout, "crowd_lod.simulate", icon="MOD_PHYSICS")

@@ -25,7 +25,7 @@ class CROWDLOD_PT_levels(StepPanel, bpy.types.Panel):
         row.prop(settings, "choice", expand=True)
         if settings.choice == "BY_TOLERANCE":
             layout.prop(settings, "tolerance")
-            limit(layout, settings, "memory", "Memory, MB")
+            limit(layout, settings, "memory", "Character Memory, MB")
         self.draw_made(context, layout, settings)
 
     def draw_made(self, context, layout, settings) -> None:

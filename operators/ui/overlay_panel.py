@@ -42,7 +42,7 @@ def _line(scene: bpy.types.Scene) -> str:
     visible = len(frame.without_worn(frame.buckets).order)
     counts = f"{visible:,} of {frame.people:,} visible"
     return (
-        f"{counts}, {frame.triangles / frame.full_triangles:.0%} triangles"
+        f"{counts}, {frame.triangles / frame.full_triangles:.0%} of triangles"
         if frame.full_triangles
         else counts
     )

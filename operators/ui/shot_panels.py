@@ -52,21 +52,17 @@ def _draw_plan(context, layout, settings) -> None:
 
 
 def describe_hold(scene: bpy.types.Scene) -> tuple[str, str]:
-    """Return (whether the stored plan holds in the frame that the overlay shows, its icon)."""
+    """Return (whether the stored plan holds, in the frame that the overlay shows too, its icon)."""
     if not scene.crowd_lod.shot_plan:
         return "No plan: LODs by distance", "INFO"
-    frame = viewport_overlay.latest(scene) if scene.crowd_lod.use_shot_plan else None
-    if frame is None:
-        is_off = not scene.crowd_lod.use_shot_plan
-        return (
-            "Plan switched off" if is_off else "Show the overlay to see whether it is up to date",
-            "INFO",
-        )
-    if frame.planned:
-        return "Plan up to date", "CHECKMARK"
-    if frame.unplanned:
-        changed = reason_in(words_of(stale(scene, PLAN)))
+    if not scene.crowd_lod.use_shot_plan:
+        return "Plan switched off", "INFO"
+    frame = viewport_overlay.latest(scene)
+    changed = reason_in(words_of(stale(scene, PLAN)))
+    if changed or frame is not None and frame.unplanned:
         return f"Outdated{': ' * bool(changed)}{changed}. Plan again.", "ERROR"
+    if frame is None or frame.planned:
+        return "Plan up to date", "CHECKMARK"
     return "The plan is for the scene's camera", "INFO"
 
 
@@ -126,26 +122,30 @@ class CROWDLOD_PT_overrides(StepPanel, bpy.types.Panel):
             self.entry(layout, settings.overrides[settings.override_index])
 
     def entry(self, layout, entry) -> None:
-        """Draw the settings of the selected override."""
+        """Draw the settings of the selected override: what, who, when, a row each."""
         column = layout.column()
         column.active = entry.use
-        column.prop(entry, "type")
+        column.use_property_split = False
+        row = column.row(align=True)
+        row.prop(entry, "type", text="")
         if entry.type == "GROUP":
-            column.prop_search(entry, "group_name", entry.id_data.crowd_lod, "groups")
+            row.prop_search(entry, "group_name", entry.id_data.crowd_lod, "groups", text="")
         elif entry.type == "NUDGE":
-            column.prop(entry, "move")
+            column.row().prop(entry, "move", text="")
         elif entry.type != "HIDE":
-            column.prop(entry, "level")
-        column.prop(entry, "select_by")
-        column.prop(entry, "region" if entry.select_by == "REGION" else "agents")
+            row.prop(entry, "level")
+        row = column.row(align=True)
+        row.prop(entry, "select_by", text="")
+        row.prop(entry, "region" if entry.select_by == "REGION" else "agents", text="")
         if entry.select_by != "NUMBERS":
-            column.operator("crowd_lod.find_agents", icon="VIEWZOOM")
+            row.operator("crowd_lod.find_agents", text="", icon="VIEWZOOM")
         if entry.type in CROWD_TYPES:  # they hold in all frames
             return
         column.prop(entry, "all_frames")
         if not entry.all_frames:
-            column.prop(entry, "first_frame")
-            column.prop(entry, "last_frame")
+            row = column.row(align=True)
+            row.prop(entry, "first_frame", text="First", translate=False)
+            row.prop(entry, "last_frame", text="Last", translate=False)
 
 
 CLASSES = (

@@ -59,7 +59,8 @@ def messages(scene: bpy.types.Scene) -> list[Told]:
     lines += [line for line in told if line.icon == "ERROR"]
     if operator := next_operator(scene):
         reason = reasons(scene).get(operator, "select them first")
-        lines.append(Told(f"Next: {label_of(operator)} ({reason})", "FORWARD"))
+        sentence = f"Next: {label_of(operator)}. {reason[0].upper()}{reason[1:]}."
+        lines.append(Told(sentence, "FORWARD"))
     for artifact in artifacts_of(scene):
         if news := news_of(scene, artifact):
             lines.append(Told(news, "FILE_REFRESH"))

@@ -28,32 +28,46 @@ class CROWDLOD_PT_wardrobes(StepPanel, bpy.types.Panel):
         props = props_in(context.scene)
         if props:
             label(layout, "Chance of Props")
+        column = layout.column()
+        column.use_property_split = False
         for item in props[:MOST_ROWS]:
-            layout.prop(item, f'["{PROP}"]', text=item.name, translate=False)
+            column.prop(item, f'["{PROP}"]', text=item.name, translate=False)
         button(layout, "crowd_lod.make_slot", icon="MOD_CLOTH")
         button(layout, "crowd_lod.mark_as_prop", icon="MOD_CLOTH")
 
 
 def _draw_slot(layout, title: str, home: bpy.types.Collection) -> None:
-    """Draw the shares of a slot's parts and of none, and what they exclude."""
+    """Draw a row for each part of a slot, for none and for all: its share, and what it excludes."""
     column = layout.column(align=True)
-    row = column.row(align=True)
-    label(row, title, "MOD_CLOTH")
-    _draw_value(row, home, EXCLUDES, "")
+    column.use_property_split = False
+    label(column, title, "MOD_CLOTH")
+    heads = _cells(column, "Part")
+    label(heads, "Share")
+    label(heads, "Excludes")
     for part, _ in members_of(home)[:MOST_ROWS]:
-        row = column.row(align=True)
-        _draw_value(row, part, SHARE, part.name)
-        _draw_value(row, part, EXCLUDES, "")
-    _draw_value(column, home, NONE, "None")
+        _draw_row(column, part.name, part, SHARE, part)
+    _draw_row(column, "None", home, NONE, None)
+    if EXCLUDES in home:
+        _draw_row(column, "All parts", None, "", home)
 
 
-def _draw_value(row, owner: Owner, name: str, text: str) -> None:
-    """Draw a custom property of a slot or a part; its text alone where it has none."""
-    if name in owner:
-        icon = "X" if name == EXCLUDES else "NONE"
-        row.prop(owner, f'["{name}"]', text=text, icon=icon, translate=False)
-    elif text:
-        label(row, text)
+def _cells(layout, name: str) -> bpy.types.UILayout:
+    """Draw the name that a row begins with; return where its two equal cells go."""
+    row = layout.split(factor=0.46, align=True)
+    label(row, name)
+    return row.grid_flow(row_major=True, columns=2, even_columns=True, align=True)
+
+
+def _draw_row(layout, name: str, owner: Owner | None, share: str, excluder: Owner | None) -> None:
+    """Draw the custom properties `share` of the owner and EXCLUDES of the excluder, if they have
+    them.
+    """
+    row = _cells(layout, name)
+    for each, key in ((owner, share), (excluder, EXCLUDES)):
+        if each is not None and key in each:
+            row.prop(each, f'["{key}"]', text="")
+        else:
+            label(row, "")
 
 
 CLASSES = (CROWDLOD_PT_wardrobes,)

@@ -31,11 +31,9 @@ def style_of(scene, levels: int) -> tuple[Style, tuple[SkinnedCharacter, ...], t
     boxes = replace(style, mode="BOXES") if style.mode == "MESHES" else style
     read = character_cache.read_characters_of(scene)
     if read is None:
-        return (
-            boxes,
-            (),
-            ("Press Make LOD Meshes to see the characters.",),
-        )
+        is_read_soon = character_cache.has_characters(scene)
+        press = "Press Make LOD Meshes to see the characters."
+        return boxes, (), ("Loading characters..." if is_read_soon else press,)
     if not read.ready:
         return (
             boxes,

@@ -19,7 +19,7 @@ from ..blender import scene_cache, sidebars
 from ..blender.callbacks import guard
 from ..blender.colors import Looks
 from ..blender.image_data import LOOK_AGAIN
-from ..blender.provenance import text_digest
+from ..blender.provenance import text_digest, unedited
 from ..blender.steps import at_work
 from ..scene.characters.character_provenance import character_inputs, is_known
 from ..scene.characters.characters import GROUP
@@ -63,13 +63,19 @@ WAIT = 0.2  # seconds until bake_some looks again whether a step is at work
 _read: dict[int, ReadCharacters] = scene_cache.add_cache({}, by_scene=True)
 
 
+def has_characters(scene: bpy.types.Scene) -> bool:
+    """Return whether the scene has LOD meshes to read characters of."""
+    levels = scene.crowd_lod.levels
+    return levels is not None and bool(levels.children) and bool(levels.children[0].children)
+
+
 def read_characters_of(scene: bpy.types.Scene) -> ReadCharacters | None:
     """Return the characters of the scene's LOD meshes, or None without LOD meshes.
 
-    If they are not baked yet, a timer starts to bake them.
+    None as well in a file just opened, until its characters are known. If they are not baked yet, a
+    timer starts to bake them.
     """
-    levels = scene.crowd_lod.levels
-    if levels is None or not levels.children or not levels.children[0].children:
+    if not has_characters(scene):
         _read.pop(scene.session_uid, None)
         return None
     read = _read.get(scene.session_uid)
@@ -127,10 +133,19 @@ def bake_some() -> float | None:
                 # The state machine has an error, which the overlay shows. Once it is mended, the
                 # next drawing starts this timer again.
                 continue
-            _bake_on(scene, read)
+            _evaluate_windows()
+            with unedited():  # else the sidebar would look at no change until all is baked
+                _bake_on(scene, read)
+                _evaluate_windows()
             sidebars.redraw_viewports()
             return 0.0
     return None
+
+
+def _evaluate_windows() -> None:
+    """Have Blender name now what was edited in the scenes that windows show."""
+    for window in bpy.context.window_manager.windows:
+        window.view_layer.update()
 
 
 def _bake_on(scene: bpy.types.Scene, read: ReadCharacters) -> None:

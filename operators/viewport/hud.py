@@ -117,7 +117,7 @@ def describe(account: Account) -> str:
     if not account.visible:
         return f"Agent {account.agent:,}, culled: {account.reason}"
     why = "" if account.reason in BY_DISTANCE else f" ({account.reason})"
-    off = "" if account.error is None else f", {account.error:.2g} px"
+    off = "" if account.error is None else f", error {account.error:.2g} px"
     return f"Agent {account.agent:,}, LOD {account.level}{why}: {account.depth:.3g} m away{off}"
 
 

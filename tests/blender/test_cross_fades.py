@@ -260,7 +260,7 @@ def test_lods_made_before_the_cross_fades_are_told(fading):
     assert not changed_since_make(scene)
     name_actions(scene, FADING)
     assert changed_since_make(scene) == [
-        "actions the own, idle (now the own, idle with cross-fades)"
+        "actions (was the own, idle, now the own, idle with cross-fades)"
     ]
 
 

@@ -163,7 +163,7 @@ WRONG = [
     (dict(type="NUDGE", agents=""), "The override Hero names no agents"),
     (
         dict(type="GROUP", agents="3", group_name="nobody"),
-        "The override Hero asks for the character group nobody",
+        "The override Hero names the character group nobody",
     ),
     (
         dict(type="HIDE", agents="#7"),

@@ -81,7 +81,7 @@ def ask_for_less(scene):
 EDITS = {
     rest: ("crowd_lod.populate", "the motion of walker"),
     add: ("crowd_lod.populate", "the character groups"),
-    simplify: ("crowd_lod.make_levels", "Simplify off (now to 0 subdivisions)"),
+    simplify: ("crowd_lod.make_levels", "Simplify (was off, now to 0 subdivisions)"),
     widen: ("crowd_lod.make_levels", "the character walker"),
     ask_for_less: ("crowd_lod.plan_shot", "the budget"),
 }
@@ -131,7 +131,7 @@ def test_lods_follow_what_simplify_makes_of_the_character(shot):
     (group,) = shot.crowd_lod.groups
     full = group.triangles[0]
     simplify(shot)
-    assert changed_since_make(shot) == ["Simplify off (now to 0 subdivisions)"]
+    assert changed_since_make(shot) == ["Simplify (was off, now to 0 subdivisions)"]
     finished(update_all(shot))
     (group,) = shot.crowd_lod.groups
     assert group.triangles[0] == full / 4 > group.triangles[1]

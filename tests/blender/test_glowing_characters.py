@@ -201,7 +201,7 @@ def test_populate_and_build_name_the_characters_that_glow():
     list(build(read_crowd(scene)))
     assert "someone (material Emission)" in notes_on_characters(scene)
     scene.crowd_lod.shadows = False
-    assert "culling takes it away" in " ".join(sentences(notes_on_glow(scene)))
+    assert "which culling removes" in " ".join(sentences(notes_on_glow(scene)))
     for item in scene.crowd_lod.characters.all_objects:
         item.visible_diffuse = item.visible_glossy = item.visible_transmission = (
             item.visible_volume_scatter

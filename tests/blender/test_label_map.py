@@ -220,8 +220,8 @@ def test_agents_do_not_start_in_a_wall_and_the_walk_knows_it(ground, scene):
 
 
 @pytest.mark.parametrize("change, sentence", [
-    (lambda entry: setattr(entry, "label", "door"), "lays the label door, and the state machine "
-                                                    "has none such"),
+    (lambda entry: setattr(entry, "label", "door"), "lays the label door, which the state "
+                                                    "machine lacks"),
     (lambda entry: setattr(entry, "label", ""), "lays the label without a name"),
     (lambda entry: setattr(entry, "object", None), "has no object with a surface"),
 ])  # fmt: skip

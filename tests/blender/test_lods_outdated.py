@@ -50,19 +50,19 @@ def test_lods_that_lack_what_the_settings_ask_for_are_to_be_made_again(adults):
     settings.choice = "BY_DISTANCE"
     settings.level_count = 6
     assert (
-        f"levels {len(settings.levels.children)} (now 6)" in told_of(scene)
+        f"levels (was {len(settings.levels.children)}, now 6)" in told_of(scene)
         and steps.next_operator(scene) == "crowd_lod.make_levels"
     )
     settings.level_count = 2
     list(make_levels(scene))
     assert not told_of(scene)
     settings.ratios[1] = 0.2
-    assert "ratios 0.4 (now 0.2)" in told_of(scene)
+    assert "ratios (was 0.4, now 0.2)" in told_of(scene)
     assert steps.next_operator(scene) == "crowd_lod.make_levels"
     settings.ratios[1] = 0.4
     assert not told_of(scene)
     settings.groups.add().name = "new"
-    assert "character groups 1 (now 2)" in told_of(scene)
+    assert "character groups (was 1, now 2)" in told_of(scene)
     assert steps.next_operator(scene) == "crowd_lod.populate"  # no such character is there
 
 
@@ -71,7 +71,7 @@ def test_lods_with_a_spoilt_note_are_told_of_without_an_error(levelled, spoilt):
     settings = levelled.crowd_lod
     settings.levels[provenance.MADE_OF] = spoilt
     settings.level_count = 4
-    assert "levels 3 (now 4)" in told_of(levelled)
+    assert "levels (was 3, now 4)" in told_of(levelled)
 
 
 def test_lods_of_characters_that_were_edited_are_to_be_made_again_and_those_that_only_move_are_not(

@@ -138,7 +138,7 @@ def test_particles_that_are_alive_are_agents(scene):
 def test_other_frames_are_not_known_and_the_sentence_says_what_to_do(scene):
     trajectory = crowd_of(scene, scatter(scene))
     with pytest.raises(
-        CrowdError, match="Scatter are at frame 7 is not known at frame 1: press Record Points"
+        CrowdError, match="The points of Scatter at frame 7 are not known at frame 1: press"
     ):
         trajectory.at(7)
 

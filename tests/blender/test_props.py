@@ -115,7 +115,7 @@ def test_props_follow_their_group(dressed):
     settings.group_names = "child"
     assert set(trajectory_of(dressed).start.group) == {3}
     settings.group_names = "adult + hat"
-    with pytest.raises(CrowdError, match="its Groups may name adult, child; with none, all"):
+    with pytest.raises(CrowdError, match="its Groups may name adult, child; left empty, all"):
         trajectory_of(dressed)
 
 
@@ -155,7 +155,7 @@ def test_props_that_cannot_be_used_are_named(scene):
     bpy.data.objects.remove(bag)
     bpy.data.objects["adult"]["prop"] = 0.5
     with pytest.raises(
-        CrowdError, match="All meshes of the character group adult are props or in slots: leave"
+        CrowdError, match="All meshes of the character group adult are props or in slots: keep"
     ):
         characters_of(scene)
     del bpy.data.objects["adult"]["prop"]

@@ -59,7 +59,7 @@ def test_removing_the_crowd_gives_the_first_one_back(two):
 
 def test_a_group_that_is_not_there_is_named(two):
     two.crowd_lod.crowds[1].group_names = "child, elephant"
-    with pytest.raises(CrowdError, match="Crowd 2 asks for the character group elephant.*adult"):
+    with pytest.raises(CrowdError, match="Crowd 2 names the character group elephant.*adult"):
         trajectory_of(two)
 
 

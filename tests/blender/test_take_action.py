@@ -47,9 +47,7 @@ def rename(armature, prefix):
 def test_a_character_without_an_action_is_told_with_the_way_out(skinned):
     settings = bpy.context.scene.crowd_lod
     bpy.ops.crowd_lod.populate()
-    assert "someone plays no action and would glide in the bind pose: import the file" in told(
-        bpy.context.scene
-    )
+    assert "someone has no action, and would glide: import the file" in told(bpy.context.scene)
     bent("motion")
     bpy.ops.crowd_lod.populate()
     assert "press Take Action, which gives it motion walk" in told(bpy.context.scene)
@@ -89,7 +87,7 @@ def test_two_who_would_glide_are_told_in_one_line(skinned):
         bpy.data.collections["other"].objects.link(item)
     bpy.ops.crowd_lod.populate()
     (line,) = (line for line in steps.messages(bpy.context.scene) if line.remedy)
-    assert line.sentence.startswith("other, someone play no action and would")
+    assert line.sentence.startswith("other, someone have no action, and would")
 
 
 def top(armature, frame):

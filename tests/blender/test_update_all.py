@@ -165,15 +165,15 @@ def newcomer(shot):
 def test_update_all_asks_before_it_makes_lods_of_a_character_without_an_action(newcomer):
     look_again(newcomer)
     assert "the character groups" in due_steps(newcomer)["Populate"]
-    with pytest.raises(RuntimeError, match="Newcomer would stay in the bind pose: which action"):
+    with pytest.raises(RuntimeError, match="Newcomer has no action: choose one in"):
         bpy.ops.crowd_lod.update_all()
     assert [group.name for group in newcomer.crowd_lod.groups] == ["Newcomer", "someone"]
     assert MAKE in due_steps(newcomer)
     first, *_ = steps.messages(newcomer)
-    assert "Newcomer plays no action" in first.sentence
+    assert "Newcomer has no action" in first.sentence
     assert first.remedy == "crowd_lod.take_action"
     assert bpy.ops.crowd_lod.take_action(still=True) == {"FINISHED"}
-    assert not any("plays no action" in line.sentence for line in steps.messages(newcomer))
+    assert not any("has no action" in line.sentence for line in steps.messages(newcomer))
     assert bpy.data.collections["Newcomer"]["stands_still"]
     done, _ = update(newcomer)
     assert MAKE in done
@@ -183,7 +183,7 @@ def test_an_action_is_an_answer_too_and_scripts_can_give_either(newcomer):
     bpy.data.collections["Newcomer"]["stands_still"] = True
     assert MAKE in update(newcomer)[0]
     del bpy.data.collections["Newcomer"]["stands_still"]
-    with pytest.raises(CrowdError, match="would stay in the bind pose"):
+    with pytest.raises(CrowdError, match="no action: choose"):
         finished(update_all(newcomer))
     bpy.ops.crowd_lod.take_action(group="Newcomer", action="NewcomerAction")
     assert update(newcomer)[0][:2] == ["Populate", MAKE]

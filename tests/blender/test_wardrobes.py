@@ -149,7 +149,7 @@ WRONG = {
     "The slot hair of adult is empty": ("bob", "hide_render", True),
     "of the slot hair of adult are all 0": ("bob", "share", 0.0),
     r"The part adult \+ crown excludes the slot beard": ("crown", "excludes", "beard"),
-    "Nobody can wear the slot a hat of adult": ("slot: hair", "excludes", "a hat"),
+    "No agent can wear the slot a hat of adult": ("slot: hair", "excludes", "a hat"),
     r"The part adult \+ bob is not moved by adult rig": ("bob", "parent", None),
     "two slots called a hat": ("slot: hair", "slot", "a hat"),
     '"share" of bob is -1.0, and must be numbers from 0': ("bob", "share", -1.0),

@@ -269,7 +269,7 @@ def test_lods_fit_in_memory_with_the_least_tolerance(seed):
     )
     assert total <= budget < least(reached / 2**0.25)
     with pytest.raises(
-        CrowdError, match="The characters cannot take less than .* MB: set Memory for Characters"
+        CrowdError, match="The characters cannot take less than .* MB: set Character Memory"
     ):
         fit_in_memory(groups, 1.0, shots, 0.9 * floor)
 

@@ -18,7 +18,7 @@ def test_two_characters_with_the_same_trouble_are_one_line():
     lines = lines_of([glide[0], height("King", 78.0), glide[1]], {remedy: "Walk Now"}.get)
     assert lines == [
         Line(
-            "Witch, King play no action and would glide in the bind pose: press "
+            "Witch, King have no action, and would glide: press "
             "Walk Now, which gives them walk. Or press Stand Still.",
             remedy,
         ),

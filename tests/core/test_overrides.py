@@ -111,7 +111,7 @@ def test_lods_that_an_agent_does_not_have_are_refused():
     with pytest.raises(CrowdError, match="asks for LOD 1: the crowd has LOD 0 alone"):
         check_level(rule("ALWAYS", 1, [0]), 1, (), group, names)
     with pytest.raises(
-        CrowdError, match="LOD 0 of child, which Memory for Characters leaves out: ask for LOD 1"
+        CrowdError, match="LOD 0 of child, which Character Memory leaves out: ask for LOD 1"
     ):
         check_level(rule("NEVER_COARSER", 0, [0, 1]), 3, (0, 1), group, names)
 

@@ -58,7 +58,7 @@ def test_lines_of_lods_bear_their_tints_and_an_agent_that_of_its_own():
     assert [line.color for line in said[1:4]] == [pytest.approx(tint) for tint in TINTS[:3]]
     agent = hud.line_of(ACCOUNT, colors)
     assert agent.color == pytest.approx(TINTS[2])
-    assert agent.text == "Agent 3, LOD 2: 30 m away, 0.41 px"
+    assert agent.text == "Agent 3, LOD 2: 30 m away, error 0.41 px"
 
 
 @pytest.mark.parametrize("by", [by_state, by_group, by_reason])
@@ -105,7 +105,7 @@ def test_one_line_tells_why_an_agent_is_culled_or_has_another_lod():
     unmeasured = replace(ACCOUNT, error=None)
     assert hud.describe(unmeasured) == "Agent 3, LOD 2: 30 m away"
     planned_lod = replace(ACCOUNT, reason="shot plan")
-    assert hud.describe(planned_lod) == "Agent 3, LOD 2 (shot plan): 30 m away, 0.41 px"
+    assert hud.describe(planned_lod) == "Agent 3, LOD 2 (shot plan): 30 m away, error 0.41 px"
     culled = replace(ACCOUNT, visible=False, reason="left of the frame")
     assert hud.describe(culled) == "Agent 3, culled: left of the frame"
 

@@ -51,7 +51,4 @@ def test_the_panel_says_whether_the_plan_holds_in_the_frame_that_is_shown(tmp_pa
         said = [sentence for sentence, *_ in steps.messages(scene)]
         assert "The shot plan covers frames 1 to 3: elsewhere LODs follow from distances." in said
         settings.overlay = False
-        assert shot_panels.describe_hold(scene) == (
-            "Show the overlay to see whether it is up to date",
-            "INFO",
-        )
+        assert shot_panels.describe_hold(scene) == ("Plan up to date", "CHECKMARK")

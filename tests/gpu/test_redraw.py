@@ -6,7 +6,7 @@ from crowd_lod_extension.operators.blender import sidebar_answers
 
 from ..support.overlays import populated, shown
 
-TOLD = "Changed since Populate: the character groups two (now {})"
+TOLD = "Changed since Populate: the character groups ({})"
 
 
 @pytest.fixture
@@ -20,7 +20,7 @@ def scene(monkeypatch):
 def test_a_group_that_is_gone_is_named_until_the_crowd_is_populated_again(scene):
     assert shown(scene).notes == ()
     bpy.data.objects.remove(scene.crowd_lod.characters.objects["two"])
-    assert shown(scene).notes == (TOLD.format("none"),)
+    assert shown(scene).notes == (TOLD.format("removed two"),)
     with bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[0]):
         bpy.ops.crowd_lod.populate()
     assert shown(scene).notes == ()
@@ -30,7 +30,7 @@ def test_populate_is_named_before_lod_meshes(scene):
     scene.crowd_lod.overlay_mode = "MESHES"
     assert "Press Make LOD Meshes" in shown(scene).notes[0]
     scene.crowd_lod.characters.objects["two"].name = "three"
-    assert shown(scene).notes == (TOLD.format("three"),)
+    assert shown(scene).notes == (TOLD.format("added three, removed two"),)
 
 
 def test_an_edit_of_the_state_machine_shows_in_the_next_drawing(scene):

@@ -33,7 +33,7 @@ def test_every_button_fails_well_in_an_empty_scene(seen):
     assert {name: button["changed"] for name, button in buttons.items()} == {
         name: {} for name in AT_REST
     }
-    assert "The scene has no build" in buttons["remove_build"]["status"]
+    assert "The scene has no build: press Build" in buttons["remove_build"]["status"]
 
 
 def test_the_sample_scene_is_made_and_populated(seen):

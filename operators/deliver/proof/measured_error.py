@@ -19,7 +19,7 @@ def lacks_error(scene: bpy.types.Scene) -> str:
 
 
 class CROWDLOD_OT_use_measured_error(Reporting, bpy.types.Operator):
-    """Start the failed LOD where its measured error is tolerated, until LODs are made again"""
+    """Start the failed LOD farther away, where its measured error is within the tolerance"""
 
     bl_idname = "crowd_lod.use_measured_error"
     bl_label = "Use Measured Error"

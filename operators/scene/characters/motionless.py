@@ -138,7 +138,8 @@ def check_answered(scene: bpy.types.Scene) -> None:
     """Raise CrowdError, a question, if a character would stay in its bind pose unasked."""
     names = list(unanswered(scene))
     if names:
+        have, one = ("has", "one") if len(names) == 1 else ("have", "theirs")
         raise CrowdError(
-            f"{' and '.join(names)} would stay in the bind pose: which action does each play, or "
-            f"does it stand still? Choose in Character Groups, or press Stand Still."
+            f"{listed(names)} {have} no action: choose {one} in Character Groups, or press Stand "
+            f"Still."
         )

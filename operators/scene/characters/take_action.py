@@ -20,14 +20,14 @@ class CROWDLOD_OT_take_action(Reporting, bpy.types.Operator):
     needs = (needs.characters,)
 
     group: StringProperty(
-        name="Group", description="The character group; empty for all whose rig plays nothing"
+        name="Group", description="The character group; empty for all without an action"
     )
     action: StringProperty(
         name="Action", description="The action; empty for the walk that fits best"
     )
     still: BoolProperty(
         name="Stand Still",
-        description="Let rigs that play no action stand still in their pose",
+        description="Let rigs without an action stand still",
     )
 
     @classmethod

@@ -99,7 +99,7 @@ def wardrobe_of(
     body = [item for item in shapes if item not in in_slots and props.get(prop_of(item), 1.0) == 1]
     if not any(map(may_have_faces, body)):
         raise CrowdError(
-            f"All meshes of the character group {owner.name} are props or in slots: leave it one "
+            f"All meshes of the character group {owner.name} are props or in slots: keep one "
             f"that all its agents have."
         )
     homes = slots | {prop.name: prop for prop in optional}
@@ -168,7 +168,7 @@ def _check_exclusions(owner: Owner, slots: dict[str, Owner], parts: Sequence[Par
             excluded = set.intersection(*(set(part.excludes) for part in worn))
             if excluded:
                 raise CrowdError(
-                    f"Nobody can wear the slot {min(excluded)} of {owner.name}: all agents wear a "
+                    f"No agent can wear the slot {min(excluded)} of {owner.name}: all agents wear a "
                     f"part of the slot {rival}, and all of these exclude it. Give {home.name} a "
                     f'share without in its custom property "{NONE}".'
                 )

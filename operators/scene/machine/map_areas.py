@@ -71,9 +71,8 @@ def make(crowd, depsgraph: bpy.types.Depsgraph) -> int:
     for entry in entries:
         if entry.label not in machine.labels:
             raise CrowdError(
-                f"The area {entry.name} lays the label {entry.label or 'without a name'}, and the "
-                f"state machine has none such: "
-                f"choose one of {', '.join(machine.labels)}."
+                f"The area {entry.name} lays the label {entry.label or 'without a name'}, which "
+                f"the state machine lacks: choose one of {', '.join(machine.labels)}."
             )
         shapes = list(triangles_in(meshes_in(entry), depsgraph))
         if not shapes:

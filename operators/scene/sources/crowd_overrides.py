@@ -92,8 +92,8 @@ def _override_of(entry, trajectory: Trajectory) -> CrowdOverride:
     people = [group.name for group in trajectory.groups if not group.slot]
     if entry.type == "GROUP" and entry.group_name not in people:
         raise CrowdError(
-            f"The override {entry.name} asks for the character group "
-            f"{entry.group_name or 'of no name'}, and there is none: "
+            f"The override {entry.name} names the character group "
+            f"{entry.group_name or 'without a name'}, which is missing: "
             f"choose one of {', '.join(people)}."
         )
     return CrowdOverride(

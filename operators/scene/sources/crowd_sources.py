@@ -389,8 +389,8 @@ def _no_place(crowd, places: Places, area: Area) -> str:
             f"{width} x {depth}, or move Center."
         )
     return (
-        f"At none of the {len(places):,} places of {crowd.name} the label map lets agents start: "
-        f"paint a label there that does, or move what they spawn on."
+        f"The label map lets no agents start at the {len(places):,} places of {crowd.name}: paint "
+        f"a label there that does, or move what they spawn on."
     )
 
 
@@ -409,8 +409,8 @@ def draw_of(crowd, groups: Sequence[Group]) -> Draw:
     present = [group.name for group in people.values()]
     for name in sorted(names.difference(present)):
         raise CrowdError(
-            f"{crowd.name} asks for the character group {name}, and there is none: its Groups may "
-            f"name {', '.join(present)}; with none, all are used."
+            f"{crowd.name} names the character group {name}, which is missing: its Groups may "
+            f"name {', '.join(present)}; left empty, all are used."
         )
     numbers = tuple(g for g, group in people.items() if not names or group.name in names)
     shares = tuple(groups[g].share for g in numbers)

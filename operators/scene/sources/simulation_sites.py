@@ -114,8 +114,8 @@ class Site:
             anywhere = bool(self._floors)
         if not anywhere:
             raise CrowdError(
-                f"{crowd.name} has no ground with both a place to spawn and a goal: set Goals to "
-                f"what its starts are not walled off from, or spawn elsewhere."
+                f"{crowd.name} has no ground with both a place to spawn and a goal: choose "
+                f"goals that people can reach from where they spawn, or spawn elsewhere."
             )
         self._area = shapely.union_all([floor for _, floor in self._floors])
         self.parts = [p for p, _ in self._floors]
