@@ -227,19 +227,21 @@ def test_characters_that_are_needed_stay_in_a_file_for_renders_alone(built, why)
 
 
 @pytest.mark.once
-def test_a_bake_needs_what_a_build_needs(scene):
-    bpy.ops.crowd_lod.populate()
+def test_a_bake_needs_what_a_build_needs(levelled):
+    levels = levelled.crowd_lod.levels
+    levelled.crowd_lod.levels = None
     with pytest.raises(CrowdError, match="Make LOD Meshes"):
-        list(bake(scene, [1]))
-    list(make_levels(scene))
-    scene.render.use_motion_blur = True
-    scene.render.motion_blur_shutter = 1.0
+        list(bake(levelled, [1]))
+    levelled.crowd_lod.levels = levels
+    levelled.render.use_motion_blur = True
+    levelled.render.motion_blur_shutter = 1.0
     with pytest.raises(CrowdError, match="set it below 1"):
-        list(bake(scene, [1]))
-    assert scene.crowd_lod.build is None
+        list(bake(levelled, [1]))
+    assert levelled.crowd_lod.build is None
 
 
 @pytest.mark.once
+@pytest.mark.usefixtures("rough_lods")
 def test_names_and_paths_of_any_script_and_scenes_with_more_than_the_crowd(scene, tmp_path, capfd):
     """Other alphabets, blanks, a second scene, hidden collections: baked and opened, the crowd is
     the live one's.
