@@ -10,6 +10,8 @@ from ..support.characters import character, new, rig, skin, tube
 from ..support.freshness import changed_since_build
 from ..support.nodes import BLOCKS, INPUTS, nodes_modifier
 
+pytestmark = pytest.mark.usefixtures("rough_lods")
+
 
 def test_a_changed_input_of_nodes_makes_the_build_ask_for_update(small_shot, at_once):
     item = new("body", tube("body", 6, 3))

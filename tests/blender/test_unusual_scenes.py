@@ -18,6 +18,8 @@ from crowd_lod_extension.operators.scene.scene_crowd import characters_of, read_
 
 from ..support.characters import character, new, rig, skin, tube
 
+pytestmark = pytest.mark.usefixtures("rough_lods")
+
 
 @pytest.fixture
 def bare(scene):
