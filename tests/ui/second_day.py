@@ -1,7 +1,7 @@
 """The second day of docs/tutorial.md's shot, after the director's change.
 
-Another lens and path, one agent overridden, one deleted, a budget; then the proof, and all that the
-panel Hand Over makes without OpenUSD. `perform` goes on where the tutorial ends, in its window.
+Another lens and path, fewer frames, a wall; one agent overridden, one deleted, a budget; then the
+proof, and all that the panel Hand Over makes without OpenUSD. `perform` goes on where the tutorial ends, in its window.
 """
 
 import sys
@@ -65,8 +65,10 @@ def press(button: str, **properties):
 def perform(folder: Path):
     """Yields the seconds to wait before going on; returns what the tests judge."""
     change_lens_and_path()
+    scene().frame_end -= 1
+    found_wall = yield from wall()
     yield from robot.picture("8_other_path")
-    found = {"changed": (yield from press("update_all"))}
+    found = {"due": list(due()), "wall": found_wall, "changed": (yield from press("update_all"))}
     yield from robot.picture("9_updated")
     first, second = seen_agents()
     found["override"] = yield from override(first, "ALWAYS")
@@ -99,6 +101,15 @@ def change_lens_and_path():
     for frame, x in ((1, 0.0), (scene().frame_end, 2.5)):
         camera.location.x += x
         camera.keyframe_insert("location", frame=frame)
+
+
+def wall():
+    """The default cube in the crowd's middle again, which agents are led around."""
+    block = bpy.data.objects.new("Block", bpy.data.meshes["Cube"])
+    scene().collection.objects.link(block)
+    for item in scene().objects:
+        item.select_set(item == block, view_layer=robot.window().view_layer)
+    return (yield from press("walls_from_selection"))
 
 
 def seen_agents() -> list[int]:
