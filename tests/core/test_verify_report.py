@@ -68,6 +68,12 @@ def test_what_is_wrong_is_in_the_headline_and_in_its_row():
     ]
 
 
+def test_the_largest_error_is_that_nearest_to_its_limit_or_beyond():
+    frames = [ROW | {"error_px": 2.2, "allowed_px": 3.3}, ROW | {"frame": 4}]
+    read = Reader(verify_page("plaza", RESULT | {"frames": frames}))
+    assert any(text.startswith("largest error 1.58 px") for text in read.cells)
+
+
 def test_every_frame_of_several_has_its_row_and_its_places():
     bad = ROW | {"frame": 7, "culling_pixels": 1234, "culling_ok": False, "missing": 1, "extra": 2}
     read = Reader(verify_page("plaza", RESULT | {"frames": [ROW, bad], "ok": False}))
