@@ -74,7 +74,7 @@ FOLLOWING = 0.5  # by distance, the LOD after a given one has at most this part 
 # times its length that a LOD may deviate between the poses: it begins a little farther away then
 BEYOND = 1.15
 DIGITS = 12  # of a hash: as many as a goal can hold
-VERSION = 34  # of the code that makes LOD meshes: with another one they are made anew
+VERSION = 35  # of the code that makes LOD meshes: with another one they are made anew
 
 
 def _untouched(home: bpy.types.Collection) -> bool:

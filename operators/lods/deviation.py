@@ -274,8 +274,11 @@ def _diagonals(shapes: Sequence[PosedMesh]) -> list[float]:
 def _watched_pairs(
     character: PosedSurface, lods: Sequence[PosedSurface]
 ) -> list[tuple[Watched, Watched]]:
-    """Return for each LOD what is watched of the character, and of the LOD, in the first run."""
-    whole, *surfaces = (each.surface(each.runs[0]) for each in (character, *lods))
+    """Return for each LOD what is watched of the character, and of the LOD, in the first run.
+
+    In the character's order of poses: a LOD may have another one for its first.
+    """
+    whole, *surfaces = (each.surface(character.runs[0]) for each in (character, *lods))
     return [(watch(whole, lod), watch(lod, whole)) for lod in surfaces]
 
 

@@ -18,6 +18,7 @@ from crowd_lod_extension.operators.lods import (
     surface,
     unseen_frames,
 )
+from crowd_lod_extension.operators.lods.posed_shapes import PosedMesh
 from crowd_lod_extension.operators.scene.characters import stored_groups
 
 GROUP = Group("one", 0, 1, 0, 1)
@@ -236,6 +237,35 @@ def test_moments_between_poses_are_spread_over_all_actions():
     assert of((0, 300), (0, 100)) == [*np.arange(1, 300, 2), *np.arange(302, 401, 2)]
     beside = unseen_frames.moments_beside([0, 4, 8, 12], np.array([[0, 1, 5, 2]] * 5))
     assert sorted(beside) == [6, 7, 9, 10, 10, 11]
+
+
+def in_poses(points, triangles):
+    """Return a mesh in poses, whose points are (poses, n, 3)."""
+    hiding = np.ones(len(triangles), bool)
+    begins = np.array([0, points.shape[1]])
+    return [PosedMesh(at, triangles, hiding, begins, [np.eye(4)]) for at in points]
+
+
+def test_a_lod_is_watched_in_the_order_of_the_character_s_poses():
+    """A ball that goes away, below another one, which its LOD does not have.
+
+    So the pose that is least unlike the others is the last of the character, and the first of the
+    LOD.
+    """
+    ball = sphere(8, 16).data
+    ball.calc_loop_triangles()
+    points = np.array([point.co for point in ball.vertices])
+    triangles = np.array([triangle.vertices for triangle in ball.loop_triangles])
+    goes = np.array([(0, 0, 0), (0, 3, 0), (0, 6, 0)])[:, None]
+    rises = np.array([(0, 0, 10), (0, 0, 20), (0, 0, 15)])[:, None]
+    both = np.concatenate([points + goes, points + rises], axis=1)
+    faces = np.concatenate([triangles, triangles + len(points)])
+    character = posed_surface.PosedSurface(in_poses(both, faces))
+    lod = posed_surface.PosedSurface(in_poses(0.99 * points + goes, triangles), character)
+    assert character.runs[0][0] == 2 and lod.runs[0][0] == 0
+    (_, watched), *_ = deviation._watched_pairs(character, [lod])
+    for mine, its in zip(character.shapes, lod.shapes, strict=True):
+        assert watched.distances(its.points, mine.points).max() == pytest.approx(0.01, rel=0.05)
 
 
 def test_all_objects_of_a_character_count_together(scene):
