@@ -146,7 +146,7 @@ def test_the_command_updates_a_file_and_leaves_one_that_is_up_to_date(shot, tmp_
     assert again["verdict"] in again["summary"]
     assert path.read_bytes() == saved
     assert commands.run_command(["update", "plaza", "--quiet"], "crowd-lod") == 1
-    assert "write it with the command sample" in capfd.readouterr().err
+    assert "write one by the command sample" in capfd.readouterr().err
 
 
 @pytest.fixture
