@@ -133,8 +133,10 @@ class LodCurve:
     def least_triangles(self, length: float) -> float:
         """Return the triangles below which tries are known to deviate by more than `length` meters.
 
-        Those with heavier spots, which are as near as may be.
+        Those with heavier spots, which are as near as may be. 0 where LODs leave the object out.
         """
+        if self.dispensable:
+            return 0.0
         too_far = (
             attempt.triangles
             for attempt in self.known_tries

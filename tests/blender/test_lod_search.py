@@ -53,8 +53,11 @@ def test_nothing_is_made_where_tries_tell_that_none_would_save_enough(ball):
     """300 triangles with heavier spots are too far off: what beats 350 by a fifth has fewer."""
     search = Search([read_source(ball)], None, Measure("ball", [ball]))
     known = Try(ball, 152, 300, None, 0.06, weighed=True, deviation=0.05, away=np.full(4, 0.05))
-    search.curves[0].known_tries.append(known)
+    curve = search.curves[0]
+    curve.known_tries.append(known)
     assert finished(search.find(0.03, 0.06, 350)) is None
+    curve.dispensable = True  # what a LOD leaves out takes none
+    assert curve.least_triangles(0.03) == 0
 
 
 def test_a_guess_of_too_many_triangles_ends_no_search(ball):

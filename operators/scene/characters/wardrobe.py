@@ -168,8 +168,8 @@ def _check_exclusions(owner: Owner, slots: dict[str, Owner], parts: Sequence[Par
             excluded = set.intersection(*(set(part.excludes) for part in worn))
             if excluded:
                 raise CrowdError(
-                    f"No agent can wear the slot {min(excluded)} of {owner.name}: all agents wear a "
-                    f"part of the slot {rival}, and all of these exclude it. Give {home.name} a "
+                    f"No agent can wear the slot {min(excluded)} of {owner.name}: all agents wear "
+                    f"a part of the slot {rival}, and all of these exclude it. Give {home.name} a "
                     f'share without in its custom property "{NONE}".'
                 )
 
