@@ -276,10 +276,14 @@ def _watched_pairs(
 ) -> list[tuple[Watched, Watched]]:
     """Return for each LOD what is watched of the character, and of the LOD, in the first run.
 
-    In the character's order of poses: a LOD may have another one for its first.
+    In the poses of both, in the character's order: a LOD may have another one for its first.
     """
-    whole, *surfaces = (each.surface(character.runs[0]) for each in (character, *lods))
-    return [(watch(whole, lod), watch(lod, whole)) for lod in surfaces]
+    pairs = []
+    for lod in lods:
+        shared = [k for k in character.runs[0] if k in lod.runs[0]]
+        whole, coarse = character.surface(shared), lod.surface(shared)
+        pairs.append((watch(whole, coarse), watch(coarse, whole)))
+    return pairs
 
 
 def _key(objects: Sequence[bpy.types.Object]) -> tuple[int, ...]:

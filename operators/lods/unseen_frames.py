@@ -219,8 +219,7 @@ class Looked:
 
         Yields between steps and returns them, with where the points of both surfaces are then.
         """
-        run = self.surfaces[0].runs[0]  # the character's, as what is watched was chosen
-        whole = [surface.surface(run) for surface in self.surfaces]
+        whole = [surface.surface(surface.runs[0]) for surface in self.surfaces]
         exceeding = []
         left = self.off.copy()
         while len(exceeding) < WHOLE_LOOKS and left.max() > beyond:
