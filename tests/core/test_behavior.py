@@ -216,8 +216,18 @@ def test_edge_policies_at_any_speed(edge, seed):
                 time = np.minimum(time, count)
                 far_x = x + vx * time
                 far_y = y + vy * time
+                assert not advance(crowd, machine, world, 1.0)[1].stuck.any()
             np.testing.assert_allclose(crowd.x, far_x, atol=1e-9)
             np.testing.assert_allclose(crowd.y, far_y, atol=1e-9)
+
+
+@pytest.mark.parametrize("way", [(0, 1), (1, 0)])
+def test_where_the_map_stops_agents_they_walk_along_its_border(way):
+    machine = machine_of({"go": {"on": {"*": {"move": list(way)}}}}, "stop", ("ground",))
+    world = LabelMap(np.zeros((1, 1), np.uint8), Area(0, 0, 4, 4))
+    places = np.array([(0, 2, 0), (4, 2, 0), (2, 0, 0), (2, 4, 0)][:: 1 if way[1] else -1][:2])
+    moved = step(crowd_at(places), machine, world, 1.0)
+    assert [moved.x, moved.y] == pytest.approx(places[:, :2].T + np.array(way)[:, None])
 
 
 def test_an_agent_that_the_table_sends_to_and_fro_stands_and_is_told():
@@ -286,6 +296,27 @@ def test_an_agents_chances_do_not_depend_on_the_rest_of_the_crowd():
     a = whole.at(150)
     b = part.at(150)
     assert (a.x[chosen] == b.x).all() and (a.state[chosen] == b.state).all()
+
+
+@pytest.mark.parametrize("edge", ["clamp", "reflect"])
+def test_nobody_walks_or_climbs_faster_than_a_walk_says_and_some_as_fast(edge):
+    ways = {"go": [3, 2], "back": [-1, -4]}
+    machine = machine_of(
+        {name: {"start": 1, "on": {"*": {"move": way}}} for name, way in ways.items()}, edge
+    )
+    world = LabelMap(np.zeros((1, 1), np.uint8), Area(0, 0, 20, 20))
+    valley = HeightMap(3 * np.abs(np.arange(-4, 6, dtype=np.float32)[:, None]), world.area)
+    crowd = populate(40, 1, 1, machine, world)
+    walk = Walk(crowd, machine, world, (walker(),), 0.5, heights=valley)
+    moved = []
+    for frame in range(2, 9):
+        a, b = walk.at(frame), walk.at(frame + 1)
+        moved.append([b.x - a.x, b.y - a.y, b.z - a.z])
+    bounds = walk.velocity(2, 9)
+    least, most = bounds.between([0.5])
+    assert np.min(moved, axis=(0, 2)) == pytest.approx(least, rel=1e-6)
+    assert np.max(moved, axis=(0, 2)) == pytest.approx(most, rel=1e-6)
+    assert np.hypot(*np.swapaxes(moved, 0, 1)[:2]).max() == pytest.approx(bounds.speed / 2)
 
 
 def test_a_reflected_agent_walks_mirrored_until_its_state_changes():

@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
+from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window, lens_blur
 from crowd_lod_extension.crowd_lod.culling.radar import radar
 from crowd_lod_extension.crowd_lod.culling.volumes import (
     Light,
@@ -125,17 +125,14 @@ def test_what_is_kept_for_nothing_passes_by_near_an_edge(light, kind):
 
 @pytest.mark.parametrize("lens", LENSES)
 def test_without_a_way_to_go_it_is_the_radar_test(lens):
+    """Also of a camera with depth of field."""
     random = np.random.default_rng(8)
-    for _ in range(3):
+    for aperture in (0.0, 0.0, 0.3, 3.0):
         camera = random_camera(random, lens)
         radius = 10.0 ** random.uniform(-3, 1.5, 200)
         points = scatter(camera, radius, random)
-        visible = np.concatenate(
-            [
-                radar(crowd_at(p[None]), camera, ONE, np.array([r]))[0]
-                for p, r in zip(points, radius, strict=True)
-            ]
-        )
+        camera = lens_blur(camera, aperture, 5.0)
+        visible, _ = radar(crowd_at(points, np.arange(200)), camera, np.zeros(200), radius)
         assert not (visible & ~reaches_into(view(camera), points, radius)).any()
 
 
@@ -204,6 +201,11 @@ def test_a_mirror_that_the_camera_does_not_see_shows_nothing():
     assert mirror_volume(straight(), Mirror(np.array([1.0, 0, 0]), on_edge)) is None
 
 
+GLASS = Mirror(
+    np.array([0, 1.0, 0]), np.array([(-9, 60, 0), (9, 60, 0), (9, 60, 5), (-9, 60, 5)], float)
+)
+
+
 def around(**more):
     light = Light(None, np.array([0.6, 0, -0.8]), angle=0.01)
     return Surroundings(lights=(light,), box=np.array([(-60, -60, -1), (60, 160, 0.0)]), **more)
@@ -213,10 +215,7 @@ def test_buckets_hold_each_agent_once_at_their_lod_and_do_not_depend_on_what_was
     trajectory = shot()
     camera = straight()
     policy = LevelPolicy((0.3, 0.6))
-    glass = Mirror(
-        np.array([0, 1.0, 0]), np.array([(-9, 60, 0), (9, 60, 0), (9, 60, 5), (-9, 60, 5)], float)
-    )
-    both = around(mirrors=(glass,))
+    both = around(mirrors=(GLASS,))
     made = {
         time: surround(plan(trajectory, camera, policy, time), both) for time in (33.5, 80, 5, 33.5)
     }
@@ -249,17 +248,40 @@ def test_a_box_of_what_is_there_ends_the_shadows_of_a_low_sun():
     assert 0 < len(with_box) <= len(without) and set(with_box) <= set(without)
 
 
-def test_an_open_shutter_keeps_whoevers_shadow_passes_through():
+def culled_but_kept(points, **more):
+    """The agents at the points (n, 3) that stay beside those seen from a meter above the origin."""
+    trajectory = replace(shot(), start=crowd_at(points))
+    frame = plan(trajectory, straight(offset=(0, 0, 1)), LevelPolicy(()), 1)
+    return surround(frame, Surroundings(**more)).shadow.order.tolist()
+
+
+@pytest.mark.parametrize(("slope", "falls"), [(0.05, True), (0.1, False)])
+@pytest.mark.parametrize("way", [-1, 1])
+def test_shadows_fall_on_agents_from_head_to_foot_and_not_above_or_below(way, slope, falls):
+    light = Light(None, np.array([1, 0, way * slope]) / np.hypot(1, slope), angle=0)
+    inside = np.array([(0, 5, 0.9), (0, 5, 0.9)])
+    kept = culled_but_kept([(0, 5, 0), (-30, 5, 0)], lights=(light,), box=inside)
+    assert kept == [1] * falls
+
+
+def test_who_glows_stays_wherever_it_is():
+    assert culled_but_kept([(0, 5, 0), (-30, 5, 0), (0, -9, 0)], glows=(True, False)) == [1, 2]
+    assert culled_but_kept([(0, 5, 0), (-30, 5, 0), (0, -9, 0)], glows=(False, True)) == []
+
+
+def test_an_open_shutter_keeps_whoever_a_mirror_shows_and_whoevers_shadow_passes_through():
     trajectory = shot()
     policy = LevelPolicy((0.3, 0.6))
     camera = straight()
+    both = around(mirrors=(GLASS,))
     trajectory.seconds_per_frame = 8.0
-    samples = [(time, (camera,)) for time in (39.5, 40.0, 40.5)]
-    blurred = surround(plan(trajectory, camera, policy, 40, samples), around())
-    held = np.concatenate([blurred.buckets.order, blurred.shadow.order])
-    for time in np.linspace(39.5, 40.5, 9):
-        frame = surround(plan(trajectory, camera, policy, float(time)), around())
-        assert not set(frame.shadow.order) - set(held)
+    samples = [(time, (camera,)) for time in (40.0, 40.5, 41.0)]
+    blurred = surround(plan(trajectory, camera, policy, 40, samples), both)
+    buckets = blurred.buckets, blurred.shadow, blurred.mirrored
+    held = np.concatenate([each.order for each in buckets])
+    for time in np.linspace(40, 41, 5):
+        frame = surround(plan(trajectory, camera, policy, float(time)), both)
+        assert not {*frame.shadow.order, *frame.mirrored.order} - set(held)
 
 
 def test_lost_agents_cast_no_shadow():
