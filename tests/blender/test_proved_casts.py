@@ -32,6 +32,7 @@ def proof(scene, folder):
 
 def test_what_is_worn_belongs_to_its_wearer(dressed, tmp_path):  # noqa: F811
     scene = lit(dressed)
+    scene.crowd_lod.characters.children.unlink(bpy.data.collections["child"])
     for press in ("populate", "make_levels", "bake"):
         assert getattr(bpy.ops.crowd_lod, press)() == {"FINISHED"}
     result = proof(scene, tmp_path / "out")
@@ -58,6 +59,7 @@ def test_who_is_pinned_stands_apart_and_who_is_hidden_is_not_missed(levelled, tm
 def test_characters_of_another_file_are_numbered_and_stay_as_they_are(levelled, tmp_path):
     library = str(tmp_path / "people.blend")
     home = levelled.crowd_lod.characters
+    home.children.unlink(home.children["child"])
     bpy.data.libraries.write(library, {home})
     names = [child.name for child in home.children]
     levelled.crowd_lod.characters = None

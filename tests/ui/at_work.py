@@ -282,11 +282,9 @@ def scripts():
                 if not at_work():
                     continue
             disturb()
-            yield 1.0
+            yield from robot.until(lambda: at_work() is None, limit=1.0)
             still = at_work() is not None
             if still:
-                yield from robot.until(lambda: at_work() is None, limit=3.0)
-            if at_work():
                 yield from end()
             yield 0.5
             told[f"{act}: {name}"] = {
