@@ -232,6 +232,7 @@ def test_build_before_levels_is_refused(scene):
 
 
 @pytest.mark.once
+@pytest.mark.usefixtures("rough_lods")
 def test_a_build_that_lacks_a_lod_shows_nobody_and_says_what_to_press(built, capfd):
     built.crowd_lod.level_count = 4
     built.frame_set(2)
@@ -246,6 +247,7 @@ def test_a_build_that_lacks_a_lod_shows_nobody_and_says_what_to_press(built, cap
 
 
 @pytest.mark.once
+@pytest.mark.usefixtures("rough_lods")
 def test_levels_made_anew_ask_for_a_new_build(built, capfd):
     built.crowd_lod.ratios[1] = 0.2
     list(make_levels(built))

@@ -14,19 +14,19 @@ def run(*words):
 
 
 @pytest.fixture
-def few(levelled):
+def few(two_levels):
     """So few agents that renders take no time."""
-    levelled.crowd_lod.count = 8
+    two_levels.crowd_lod.count = 8
 
 
 @pytest.fixture
-def planned(levelled, tmp_path, capfd):
+def planned(two_levels, tmp_path, capfd):
     """The small crowd's file, with a plan of frames 1 to 6 in tmp_path / "plan" that hides the
     first visible agent.
     """
-    levelled.frame_set(3)
-    seen = frame_now(levelled, bpy.context.evaluated_depsgraph_get()).visible
-    entry = levelled.crowd_lod.overrides.add()
+    two_levels.frame_set(3)
+    seen = frame_now(two_levels, bpy.context.evaluated_depsgraph_get()).visible
+    entry = two_levels.crowd_lod.overrides.add()
     entry.name = "Gone"
     entry.type = "HIDE"
     entry.agents = str(seen.argmax())

@@ -84,8 +84,8 @@ def test_a_long_timer_ends_on_time(after, fps):
 
 
 @pytest.mark.once
-@pytest.mark.parametrize("after", [1e6, 1e7])
-def test_a_timer_of_a_million_seconds_runs_at_sixty_frames_a_second(after):
+def test_a_timer_of_ten_million_seconds_runs_at_sixty_frames_a_second():
+    after = 1e7
     machine = machine_of(
         {"a": {"start": 1, "after": after, "then": "a", "on": {"*": {"move": [1, 0]}}}}, "wrap"
     )
