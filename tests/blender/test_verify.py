@@ -248,9 +248,10 @@ def test_every_way_to_film_is_proven_as_it_is_rendered(lit, plain, tmp_path, fil
 
 def test_fast_agents_are_blurred_and_more_of_them_are_kept(lit, tmp_path):
     """They cross the picture's edge while the shutter is open, and come back from the other side of
-    the map.
+    the map. A shutter that is open for too long is said.
     """
     blurred(lit)
+    lit.render.motion_blur_shutter = 1.5
     lit.camera.animation_data_clear()
     lit.crowd_lod.machine = bpy.data.texts.new("fast")
     lit.crowd_lod.machine.from_string(FAST)
@@ -262,19 +263,13 @@ def test_fast_agents_are_blurred_and_more_of_them_are_kept(lit, tmp_path):
         rows[True]["ok"]
         and rows[True]["frames"][0]["visible"] > rows[False]["frames"][0]["visible"]
     )
+    assert rows[True]["left_out"] == ["The shutter was open for 0.99 frames, not 1.5."]
+    assert "0.99 frames" in to_text(rows[True]) and not rows[False]["left_out"]
     sharp, soft = (
         image_data.load_pixels(tmp_path / str(blur) / "frame_0007_a.png").astype(int)
         for blur in (False, True)
     )
     assert (np.abs(sharp - soft).max(axis=2) > 8).mean() > 0.02
-
-
-def test_a_shutter_too_long_is_said(lit, tmp_path):
-    lit.render.use_motion_blur = True
-    lit.render.motion_blur_shutter = 1.5
-    result = rendered(lit, tmp_path / "out")
-    assert result["ok"] and result["left_out"] == ["The shutter was open for 0.99 frames, not 1.5."]
-    assert "0.99 frames" in to_text(result)
 
 
 def test_one_agent_alone_is_rounded_as_among_many(lit, tmp_path):

@@ -61,6 +61,7 @@ def begin(name: str = "preview"):
     with robot.over():
         getattr(bpy.ops.crowd_lod, name)("INVOKE_DEFAULT", True)
     yield from robot.until(lambda: at_work() is not None and at_work().slices.progress > 0)
+    assert at_work(), f"{name} was over at once"
 
 
 def end():
@@ -85,7 +86,7 @@ def strike(kind: str, where: str = "WINDOW", held: tuple = (), window=None):
             yield 0.2
     if "WHEEL" not in kind:
         window.event_simulate(type=kind, value="RELEASE", x=x, y=y, **keys)
-    yield 0.4
+    yield 0.2
 
 
 def state() -> dict:
@@ -198,7 +199,8 @@ def playback():
 
 def proof():
     """While Verify works, the viewport shows the build alone; its text says which frame."""
-    settings().frames = "1:3"
+    settings().frames = "2"
+    scene().render.resolution_percentage = 10
     yield from robot.press("crowd_lod.make_levels")
     yield from robot.press("crowd_lod.build")
     drawn = []
@@ -272,6 +274,8 @@ def scripts():
             bpy.ops.wm.open_mainfile(filepath=path)
             yield 1.0
             robot.window().scene = bpy.data.scenes[home]
+            if name == "make_levels":
+                bpy.data.collections.remove(settings().levels)
             with robot.over():
                 bpy.ops.ed.undo_push(message="Before the step")
             yield from begin(name)
