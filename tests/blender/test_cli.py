@@ -128,22 +128,22 @@ def test_preview_of_a_saved_file_with_true_materials(two_levels, tmp_path):
 
 
 @pytest.mark.once
-def test_preview_leaves_the_open_scene_as_it_was(levelled, tmp_path):
+def test_preview_leaves_the_open_scene_as_it_was(two_levels, tmp_path):
     from crowd_lod_extension.operators.build.render_setup import build
     from crowd_lod_extension.operators.deliver.preview.preview import Preview, preview
 
-    list(build(read_crowd(levelled)))
-    levelled.frame_set(7)
+    list(build(read_crowd(two_levels)))
+    two_levels.frame_set(7)
     state = lambda: (  # noqa: E731
-        set(bpy.data.user_map()), levelled.frame_current, levelled.render.engine, levelled.render.filepath, levelled.camera,
-        levelled.render.resolution_x, levelled.crowd_lod.build, levelled.crowd_lod.levels, [len(o.data.vertices) for o in levelled.crowd_lod.build.objects],
+        set(bpy.data.user_map()), two_levels.frame_current, two_levels.render.engine, two_levels.render.filepath, two_levels.camera,
+        two_levels.render.resolution_x, two_levels.crowd_lod.build, two_levels.crowd_lod.levels, [len(o.data.vertices) for o in two_levels.crowd_lod.build.objects],
     )  # fmt: skip
     before = state()
-    list(preview(levelled, Preview([1], tmp_path / "out", 160, color="ERROR"), []))
+    list(preview(two_levels, Preview([1], tmp_path / "out", 160, color="ERROR"), []))
     assert state() == before
     _, near_green, blue = shares(tmp_path / "out" / "main_0001.png")
     assert near_green > 0.001 and blue < 0.0005  # as LODs far agents would be blue
-    steps = preview(levelled, Preview([1, 30], tmp_path / "esc", 160), [])
+    steps = preview(two_levels, Preview([1, 30], tmp_path / "esc", 160), [])
     next(steps)
     next(steps)
     steps.close()

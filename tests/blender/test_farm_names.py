@@ -35,7 +35,7 @@ def parts_of(folder, scene):
 
 
 @pytest.mark.parametrize("name", ("{{Param.Scene}}", "é }} '\"$(x)`", "{" * 90))
-def test_a_job_of_any_name_is_valid(levelled, tmp_path, name):
+def test_a_job_of_any_name_is_valid(one_level, tmp_path, name):
     path = tmp_path / f"{name}.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
     assert run("job", path, "--preview", "--frames", 1, "--out", tmp_path / "job") == 0
@@ -48,7 +48,7 @@ def test_a_job_of_any_name_is_valid(levelled, tmp_path, name):
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no such names")
 @pytest.mark.parametrize("name", (b"a\nb", b"a\x7fb", b"a\xe9b"))
-def test_a_name_that_no_job_can_hold_is_one_sentence(levelled, tmp_path, name, capfd):
+def test_a_name_that_no_job_can_hold_is_one_sentence(one_level, tmp_path, name, capfd):
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "crowd.blend"))
     path = os.fsdecode(bytes(tmp_path) + b"/" + name + b".blend")
     (tmp_path / "crowd.blend").rename(path)
@@ -59,10 +59,10 @@ def test_a_name_that_no_job_can_hold_is_one_sentence(levelled, tmp_path, name, c
     assert not (tmp_path / "job").exists()
 
 
-def test_frames_below_zero_are_one_word_of_each_command(levelled, tmp_path):
+def test_frames_below_zero_are_one_word_of_each_command(one_level, tmp_path):
     path = tmp_path / "crowd.blend"
-    levelled.crowd_lod.count = 5
-    levelled.crowd_lod.width = 32
+    one_level.crowd_lod.count = 5
+    one_level.crowd_lod.width = 32
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
     assert (
         run(

@@ -32,8 +32,8 @@ def file(one_level, tmp_path):
     return saved(one_level, tmp_path)
 
 
-def test_chunks_are_assembled_to_the_files_of_one_run(levelled, tmp_path, capfd):
-    file = saved(levelled, tmp_path)
+def test_chunks_are_assembled_to_the_files_of_one_run(two_levels, tmp_path, capfd):
+    file = saved(two_levels, tmp_path)
     (name, *options) = VERIFY
     chunks = ("1", "9")
     assert run(name, file, *options, "--out", tmp_path / "one") == 0
