@@ -176,6 +176,7 @@ def test_objects_that_move_as_a_whole_are_carried(scene):
         assert np.ptp(x) > 2.0 and -0.1 < x.min() and x.max() < 3.1
 
 
+@pytest.mark.usefixtures("rough_lods")
 def test_a_group_that_stands_still_has_one_pose(scene):
     for rig in [o for o in scene.crowd_lod.characters.all_objects if o.type == "ARMATURE"]:
         rig.animation_data_clear()
