@@ -208,6 +208,7 @@ def test_eyes_are_blenders(scene, mode, pivot):
     render = scene.render
     camera.rotation_euler = (1.0, 0.2, 0.3)
     camera.location = (1, 2, 3)
+    camera.scale = (2, 0.5, 3)
     stereo = camera.data.stereo
     stereo.convergence_mode = mode
     stereo.pivot = pivot

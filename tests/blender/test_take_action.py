@@ -78,7 +78,23 @@ def test_a_warning_keeps_its_button_under_another_label(skinned, renamed):
     assert f"then press {renamed}." in line.sentence and line.remedy == "crowd_lod.take_action"
 
 
-def test_two_who_would_glide_are_told_in_one_line(skinned):
+def remedied():
+    """What the sidebar tells that a button mends."""
+    return [line.sentence for line in steps.messages(bpy.context.scene) if line.remedy]
+
+
+@pytest.mark.parametrize("still", [True, False])
+def test_an_answer_is_known_to_the_sidebar_at_once(skinned, still, capfd):
+    bent("motion")
+    bpy.ops.crowd_lod.populate()
+    assert len(remedied()) == 1
+    bpy.ops.crowd_lod.take_action(still=still)
+    assert not remedied()
+    said = "someone now stands still in" if still else "someone plays motion walk now:"
+    assert said in capfd.readouterr().out
+
+
+def test_two_who_would_glide_are_told_in_one_line(skinned, capfd):
     body = bpy.data.objects["body"]
     other = body.copy()
     other.modifiers[0].object = skinned.copy()
@@ -86,8 +102,10 @@ def test_two_who_would_glide_are_told_in_one_line(skinned):
     for item in (other, other.modifiers[0].object):
         bpy.data.collections["other"].objects.link(item)
     bpy.ops.crowd_lod.populate()
-    (line,) = (line for line in steps.messages(bpy.context.scene) if line.remedy)
-    assert line.sentence.startswith("other, someone have no action, and would")
+    (sentence,) = remedied()
+    assert sentence.startswith("other, someone have no action, and would")
+    bpy.ops.crowd_lod.take_action(still=True)
+    assert "other, someone now stand still in" in capfd.readouterr().out and not remedied()
 
 
 def top(armature, frame):

@@ -299,8 +299,9 @@ def test_impossible_budget_says_what_is_possible(worst):
     ):
         finished(decide_within(shot, Budget(triangles=worst)))
     megabytes = f"{np.ceil(coarsest.price.memory / 1e5) / 10} MB with these LODs"
-    with pytest.raises(CrowdError, match=f"MB is too low: the shot takes at least {megabytes}"):
-        finished(decide_within(shot, Budget(memory=worst)))
+    low = f"budget of {worst / 1e3:,.1f} MB is too low: the shot takes at least {megabytes}"
+    with pytest.raises(CrowdError, match=low):
+        finished(decide_within(shot, Budget(memory=1e3 * worst)))
     finished(decide_within(shot, Budget(least, 0, coarsest.price.memory)))
 
 

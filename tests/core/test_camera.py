@@ -64,6 +64,8 @@ def test_window_by_hand():
     assert (w.left, w.right, w.bottom, w.top) == (0, 1, -2, 0)
     w = window(2.0, "HORIZONTAL", (100, 100), aspect=(2, 1))
     assert (w.left, w.right, w.bottom, w.top) == (-1, 1, -0.5, 0.5)
+    w = replace(straight(), pixels=(200, 100), filtered=10.0).visible_window
+    assert (w.left, w.right, w.bottom, w.top) == (-1.1, 1.1, -1.2, 1.2)
 
 
 def test_frustum_corners_lie_on_the_window():

@@ -80,10 +80,11 @@ def test_the_sphere_stands_at_its_height_above_the_feet():
 def test_fixed_delta_is_the_chapters():
     # |v.X| <= w/2 + Delta at depth 10: 10 + 3; near and far are not widened
     points = [(13, 10, 0), (13.001, 10, 0), (0, 0.999, 0), (0, 100.001, 0), (0, 100, 0)]
+    points += [(0, 10, 13), (0, 10, -13), (0, 10, -13.001)]
     visible, _ = radar(
         crowd_at(points), straight(), ONE, np.array([50.0]), RadarOptions(margin=3.0)
     )
-    assert visible.tolist() == [True, False, False, False, True]
+    assert visible.tolist() == [True, False, False, False, True, True, True, False]
 
 
 def test_panoramic_camera_keeps_all_within_range():
@@ -115,6 +116,21 @@ def test_fisheye_keeps_its_cone_and_nothing_far_beside_it(cone):
     if cone < np.pi / 2:
         assert not (visible[ahead] & beside & (angle < cone + np.pi / 2)).any()
     assert beside.any()
+
+
+def test_a_sheared_fisheye_keeps_its_cone():
+    random = np.random.default_rng(12)
+    axes = straight().X, straight().Y, straight().Z + 1.5 * straight().X
+    camera = replace(straight(kind="PANO"), cone=1.0, Z=axes[2])
+    points = random.uniform(-90, 90, (4000, 3))
+    visible, _ = radar(crowd_at(points), camera, ONE, np.array([5.0]))
+    way = random.normal(size=(60, 3))
+    surface = points[:, None] + 5.0 * way / np.linalg.norm(way, axis=1, keepdims=True)
+    away = np.linalg.norm(surface, axis=2)
+    coordinates = surface @ np.transpose(axes)
+    ahead = coordinates[..., 2] / np.linalg.norm(coordinates, axis=2)
+    within = ((ahead >= np.cos(1)) & (away >= 1) & (away <= 100)).any(axis=1)
+    assert not (within & ~visible).any() and 0.1 < within.mean() < visible.mean() < 0.9
 
 
 def test_lost_agents_are_found_named_and_never_visible():

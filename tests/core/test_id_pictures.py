@@ -47,12 +47,15 @@ def test_one_that_is_missing_or_too_many_is_off_by_infinity_and_agent_0_is_one()
         assert found.box == (18, 43, 28, 53)
 
 
-def test_what_is_thinner_than_what_is_allowed_counts_for_nothing():
+@pytest.mark.parametrize("allowed", [0.1, 1.0])
+def test_what_is_thinner_than_what_is_allowed_counts_for_nothing(allowed):
     one, other = picture((1, 30, 40, 12)), picture((1, 30, 40, 12))
     one[30, 52:80] = 1  # a stick
-    assert judged(one, other, 1.0)[1].error == 0
+    # and some along the edges of all that it shows
+    one[3:5, 9:85] = one[54:56, 9:85] = one[9:50, 4:6] = one[9:50, 84:86] = 1
+    assert judged(one, other, allowed)[1].error == 0
     one[29:32, 52:80] = 1
-    assert judged(one, other, 1.0)[1].error > 25
+    assert judged(one, other, allowed)[1].error > 25
 
 
 def test_small_ones_are_judged_by_presence():
@@ -103,6 +106,9 @@ def test_opening_keeps_what_discs_cover_by_brute_force():
         mask[[0, -1]] = mask[:, [0, -1]] = False
         reach = range(-3, 4)
         disc = [(a, b) for a in reach for b in reach if a * a + b * b <= radius * radius]
+        alone = np.zeros_like(mask)
+        alone[tuple(np.transpose(disc) + 5)] = True
+        assert (_around(_middles(alone, radius), alone, radius) == alone).all()
         wanted = np.zeros_like(mask)
         for row, column in np.argwhere(mask):
             cells = np.array(disc) + (row, column)

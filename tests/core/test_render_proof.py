@@ -132,7 +132,9 @@ def test_pixels_that_rounding_alone_changes_are_told_and_pass():
 
 
 def test_the_worst_frame_and_agents_in_a_few_words():
-    result = proof({}, {"frame": 5, "lod_ok": False, "missing": 1}, {"frame": 9, "error_px": 4.0})
+    gone = {"lod_ok": False, "missing": 1}
+    both = gone | {"frame": 5, "extra": 1}
+    result = proof({}, gone, both, {"frame": 9, "error_px": 4.0})
     assert worst_frame(result) == 5
     assert describe(AGENT) == "off by 0.86 px of 1"
     assert describe(AGENT | GONE) == "is missing"

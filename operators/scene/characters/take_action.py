@@ -54,7 +54,6 @@ class CROWDLOD_OT_take_action(Reporting, bpy.types.Operator):
                 refused.append(str(error))
                 continue
             turned = f" (keys turned over: {listed(fit.turned)})" if fit.turned else ""
-            questions.drop(scene)
             plays.append(f"{name} plays {take(rig, fit).name}{turned}")
         if not plays:
             raise CrowdError(" ".join(dict.fromkeys(refused)))
@@ -79,7 +78,7 @@ def _stand_still(scene: bpy.types.Scene, group: str) -> str:
         raise CrowdError("Nothing to do: all rigs play an action.")
     for name in names:
         owner_of(scene, name)[STANDS_STILL] = True
-    questions.drop(scene)
+    questions.drop(scene)  # Blender reports no such change
     verb = "stands" if len(names) == 1 else "stand"
     return f"{listed(names)} now {verb} still in the crowd, without an action."
 
