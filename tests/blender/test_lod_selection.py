@@ -21,12 +21,20 @@ from mathutils import Vector
 
 from ..support.scene_frames import frame_now
 
-FINER = -1  # coarser characters have a LOD that loses nothing
+pytestmark = pytest.mark.usefixtures("rough_lods")
 MADE = "by tolerance"
 
 
 @pytest.fixture
 def tolerant(scene):
+    """A crowd of adults and rocks, which stand still and have no armature."""
+    people = scene.crowd_lod.characters
+    people.children.unlink(people.children["child"])
+    bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=4)
+    rocks = bpy.data.collections.new("rock")
+    rocks.objects.link(bpy.context.object)
+    scene.collection.objects.unlink(bpy.context.object)
+    people.children.link(rocks)
     scene.crowd_lod.choice = "BY_TOLERANCE"
     scene.crowd_lod.tolerance = 1.0
     scene.crowd_lod.frames = "1:20"
@@ -56,6 +64,8 @@ def test_as_many_are_made_as_pay_and_the_build_shows_them(tolerant, saved_once):
             )
             if k:
                 assert count_triangles(item.data) == group.triangles[k]
+    rock = groups[1]
+    assert rock.triangles[0] == 20 * 4**3 and len(rock.triangles) >= 2 and set(rock.worst) == {1.0}
     assert {message.subject for message in from_json(settings.dropped)} <= {g.name for g in groups}
     new = set(bpy.data.user_map()) - before
     assert all(block.users for block in new)
@@ -136,23 +146,6 @@ def test_a_tolerance_of_nothing_is_refused_before_anything_is_made(tolerant):
     with pytest.raises(CrowdError, match="no active camera"):
         list(make_levels(tolerant))
     assert set(bpy.data.user_map()) == before and tolerant.crowd_lod.levels is None
-
-
-@pytest.mark.once
-def test_a_still_character_without_an_armature(tolerant):
-    top = bpy.data.collections.new("Rocks")
-    tolerant.collection.children.link(top)
-    bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=5)
-    rock = bpy.context.object
-    top.objects.link(rock)
-    bpy.context.scene.collection.objects.unlink(rock)
-    tolerant.crowd_lod.characters = top
-    list(make_levels(tolerant))
-    (group,) = stored_groups.groups_of(tolerant.crowd_lod)
-    assert (
-        group.triangles[0] == 20 * 4**4 and len(group.triangles) >= 2 and set(group.worst) == {1.0}
-    )
-    assert (np.diff(group.deviations) > 0).all()
 
 
 @pytest.mark.once

@@ -27,6 +27,8 @@ from crowd_lod_extension.operators.scene.characters import (
 
 from ..support.scene_frames import frame_now
 
+pytestmark = pytest.mark.usefixtures("rough_lods")
+
 
 def tables_of(scene, folder):
     """The tables of `scene` as its camera sees it, and the frame."""
@@ -39,6 +41,19 @@ def tables_of(scene, folder):
         except StopIteration as end:
             assert progress == sorted(progress) and progress[-1] == 1.0
             return end.value, frame
+
+
+WAYS = ("precise", "It has seams.", 12.5), (None, None, None)  # of LOD 1 and 2
+
+
+def note_ways(levels):
+    """Let the LODs of one character say that they were made these ways."""
+    for level, way in zip(levels.children[1:], WAYS, strict=False):
+        (item,) = (item for item in level.all_objects if item.type == "MESH")
+        for key, value in zip(("method", "why", "ms"), way, strict=True):
+            item.pop(f"crowd_lod_{key}", None)
+            if value is not None:
+                item[f"crowd_lod_{key}"] = value
 
 
 @pytest.mark.once
@@ -57,8 +72,11 @@ def test_rendered_silhouettes_stay_within_what_the_deviation_predicts(
     settings.frames = "1"
     stored_groups.store_groups(settings, group_measuring.measure_groups(scene))
     list(make_levels(scene))
+    note_ways(settings.levels)
     tables, frame = tables_of(scene, tmp_path)
     assert [each["group"] for each in tables] == ["child"]
+    for row, way in zip(tables[0]["levels"][1:], WAYS, strict=False):
+        assert (row["method"], row["why"], row["ms"]) == way
     checked = 0
     for each, group, thresholds in zip(
         tables, stored_groups.groups_of(settings), frame.thresholds, strict=True
@@ -120,27 +138,6 @@ def test_a_group_of_small_agents_is_measured_at_their_size(scene, tmp_path, kind
         assert row["measured_px"] <= 1.05 * row["predicted_px"]
 
 
-def test_the_way_a_lod_was_made_is_told_where_it_is_known(levelled, tmp_path):
-    item = next(
-        o for o in levelled.crowd_lod.levels.children[1].children[0].objects if o.type == "MESH"
-    )
-    item["crowd_lod_method"] = "precise"
-    item["crowd_lod_why"] = "It has seams."
-    item["crowd_lod_ms"] = 12.5
-    for other in (
-        o for home in levelled.crowd_lod.levels.children[2].children for o in home.objects
-    ):
-        for key in ("crowd_lod_method", "crowd_lod_why", "crowd_lod_ms"):
-            other.pop(key, None)
-    tables, _ = tables_of(levelled, tmp_path)
-    assert [tables[0]["levels"][1][key] for key in ("method", "why", "ms")] == [
-        "precise",
-        "It has seams.",
-        12.5,
-    ]
-    assert [tables[0]["levels"][2][key] for key in ("method", "why", "ms")] == [None, None, None]
-
-
 def test_names_make_safe_and_different_files(scene, tmp_path):
     people = scene.crowd_lod.characters
     people.children["adult"].name = "../a <b>"
@@ -200,17 +197,11 @@ def test_the_picture_rings_the_worst_place_and_grays_what_nobody_sees():
 
 
 @pytest.mark.once
-def test_a_preview_by_tolerance_leaves_the_report(scene, tmp_path, capfd):
+def test_a_preview_by_tolerance_leaves_the_report(by_tolerance, tmp_path, capfd):
+    scene = by_tolerance
     settings = scene.crowd_lod
-    scene.render.resolution_x = 640
-    scene.render.resolution_y = 360
-    settings.characters.children.unlink(settings.characters.children["child"])
     scene.unit_settings.system = "METRIC"
     scene.unit_settings.scale_length = 0.01
-    settings.choice = "BY_TOLERANCE"
-    settings.tolerance = 2
-    stored_groups.store_groups(settings, group_measuring.measure_groups(scene))
-    list(make_levels(scene))
     thresholds = frame_now(scene, bpy.context.evaluated_depsgraph_get()).thresholds
     groups = stored_groups.groups_of(settings)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "crowd.blend"))
@@ -220,12 +211,12 @@ def test_a_preview_by_tolerance_leaves_the_report(scene, tmp_path, capfd):
         "--frames",
         "1",
         "--width",
-        "160",
+        "80",
         "--quiet",
         "--out",
         tmp_path / "out",
     ]
-    assert commands.run_command([*map(str, words), "--tolerance", "2"], "crowd-lod") == 0
+    assert commands.run_command([*map(str, words), "--tolerance", "1"], "crowd-lod") == 0
     plan = json.loads((tmp_path / "out" / "plan.json").read_text())
     for told, threshold, group in zip(
         plan["levels"]["characters"], thresholds, groups, strict=True
@@ -236,9 +227,9 @@ def test_a_preview_by_tolerance_leaves_the_report(scene, tmp_path, capfd):
         )
         for row in told["levels"]:
             assert row["deviation_mm"] == pytest.approx(10 * group.deviations[row["lod"]])
-    assert image_data.load_pixels(tmp_path / "out" / "main_0001.png").shape[:2] == (90, 160)
-    assert plan["levels"]["pixels"] == [640, 360] and plan["preview"]["height"] == 90
-    assert plan["levels"]["tolerance"] == 2 and plan["levels"]["thresholds"] is None
+    assert image_data.load_pixels(tmp_path / "out" / "main_0001.png").shape[:2] == (45, 80)
+    assert plan["levels"]["pixels"] == [160, 90] and plan["preview"]["height"] == 45
+    assert plan["levels"]["tolerance"] == 1 and plan["levels"]["thresholds"] is None
     assert len(plan["levels"]["characters"]) == 1 and plan["levels"]["dropped"]
     text = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert text == page(plan)

@@ -13,23 +13,8 @@ from mathutils import Matrix
 
 from ..support.freshness import changed_since_build
 
-pytestmark = pytest.mark.once  # long, and the same on every Blender
-
-
-@pytest.fixture
-def adults(saved_once, request):
-    """A crowd of one character, with LODs by tolerance."""
-
-    def make():
-        scene = request.getfixturevalue("scene")
-        settings = scene.crowd_lod
-        settings.characters.children.unlink(settings.characters.children["child"])
-        settings.choice = "BY_TOLERANCE"
-        settings.tolerance = 1.0
-        settings.frames = "1:20"
-        list(make_levels(scene))
-
-    return saved_once("adults by tolerance", make)
+# long, and the same on every Blender
+pytestmark = [pytest.mark.once, pytest.mark.usefixtures("rough_lods")]
 
 
 def told_of(scene) -> str:
@@ -43,8 +28,8 @@ def told_of(scene) -> str:
     )
 
 
-def test_lods_that_lack_what_the_settings_ask_for_are_to_be_made_again(adults):
-    scene = adults
+def test_lods_that_lack_what_the_settings_ask_for_are_to_be_made_again(by_tolerance):
+    scene = by_tolerance
     settings = scene.crowd_lod
     assert not told_of(scene) and steps.next_operator(scene) != "crowd_lod.make_levels"
     settings.choice = "BY_DISTANCE"
@@ -78,6 +63,7 @@ def test_lods_of_characters_that_were_edited_are_to_be_made_again_and_those_that
     scene, at_once
 ):
     settings = scene.crowd_lod
+    settings.characters.children.unlink(settings.characters.children["child"])
     settings.level_count = 2
     settings.count = 20
     mesh = next(item for item in settings.characters.all_objects if item.type == "MESH")
