@@ -21,7 +21,8 @@ from crowd_lod_extension.operators.settings.stored_figures import FULL, BuildCas
 
 from ..support.scene_frames import frame_now
 
-pytestmark = pytest.mark.once  # long, and the same on every Blender
+# long, and the same on every Blender
+pytestmark = [pytest.mark.once, pytest.mark.usefixtures("rough_lods")]
 
 
 def counts_in_render(scene):
@@ -43,18 +44,27 @@ def counts_in_render(scene):
     return len(found), instanced, unique
 
 
-@pytest.mark.parametrize("known", [False, True])
-@pytest.mark.parametrize("planned", [False, True])
-@pytest.mark.parametrize("posed", [False, True])
-def test_work_is_what_the_depsgraph_shows(levelled, known, planned, posed):
-    scene = levelled
-    frames = [3, 9, 14]
-    if posed:  # animated shape keys, which no rig shows
+@pytest.fixture
+def posed_shape(saved_once, request):
+    """The small crowd, whose first character has an animated shape key, which no rig shows."""
+
+    def make():
+        scene = request.getfixturevalue("levelled")
         item = next(item for item in scene.crowd_lod.characters.all_objects if item.type == "MESH")
         item.shape_key_add(name="Basis")
         item.shape_key_add(name="flat").keyframe_insert("value", frame=1)
         stored_groups.store_groups(scene.crowd_lod, group_measuring.measure_groups(scene))
         list(make_levels(scene))
+
+    return saved_once("posed shape", make)
+
+
+@pytest.mark.parametrize("known", [False, True])
+@pytest.mark.parametrize("planned", [False, True])
+@pytest.mark.parametrize("crowd", ["levelled", "posed_shape"])
+def test_work_is_what_the_depsgraph_shows(request, known, planned, crowd):
+    scene = request.getfixturevalue(crowd)
+    frames = [3, 9, 14]
     if planned:
         scene.crowd_lod.frames = "3,9,14"
         bpy.ops.crowd_lod.plan_shot()
@@ -75,7 +85,7 @@ def test_work_is_what_the_depsgraph_shows(levelled, known, planned, posed):
     assert work.posed == sum(count_triangles(item.data) for item in shown)
     assert (work.builds, work.live) == (1, not known)
     assert work.rigs == sum(item.type == "ARMATURE" for item in top.all_objects)
-    assert any(top[render_setup.POSED]) == posed
+    assert any(top[render_setup.POSED]) == (crowd == "posed_shape")
     whole = found.works[BuildCase(FULL, known)]
     assert (whole.instances == work.instances).all() and (whole.instanced > work.instanced).all()
     assert (
@@ -102,25 +112,38 @@ def test_what_shines_is_told_from_what_does_not(levelled):
     assert dark.emitting.sum() == 0 < bright.emitting.sum() <= bright.unique.sum()
 
 
-def test_the_button_fills_the_table_and_asks_for_lod_meshes(scene):
-    with pytest.raises(
-        RuntimeError, match="LOD meshes of Scene are not made: press Make LOD Meshes"
-    ):
-        stored_groups.store_groups(scene.crowd_lod, group_measuring.measure_groups(scene))
-        bpy.ops.crowd_lod.estimate()
-    list(make_levels(scene))
+def test_the_button_fills_the_table_and_asks_for_lod_meshes(levelled):
+    settings = levelled.crowd_lod
     assert bpy.ops.crowd_lod.estimate() == {"FINISHED"}
-    costs = costs_of(scene.crowd_lod).costs
+    costs = costs_of(settings).costs
     assert [*costs] == [
         BuildCase(FULL),
         BuildCase("BY_DISTANCE"),
         BuildCase("BY_DISTANCE", True),
         BuildCase("BY_TOLERANCE"),
     ] and costs[BuildCase(FULL)].time == 1
-    scene.crowd_lod.tolerance = 2.0
-    assert costs_of(scene.crowd_lod) is None
-    scene.crowd_lod.estimate = "Full Detail\t1 GB"  # by a script
-    assert costs_of(scene.crowd_lod) is None
+    settings.tolerance = 2.0
+    assert costs_of(settings) is None
+    settings.estimate = "Full Detail\t1 GB"  # by a script
+    assert costs_of(settings) is None
+    settings.levels = None
+    settings.groups.clear()
+    stored_groups.store_groups(settings, group_measuring.measure_groups(levelled))
+    with pytest.raises(
+        RuntimeError, match="LOD meshes of Scene are not made: press Make LOD Meshes"
+    ):
+        bpy.ops.crowd_lod.estimate()
+
+
+def least_memory(scene):
+    """MB that the scene's memory is said to lack; what there is stays as it was."""
+    before = set(bpy.data.user_map())
+    groups = stored_groups.groups_of(scene.crowd_lod)
+    with pytest.raises(CrowdError, match="The characters cannot take less than .* MB") as error:
+        list(make_levels(scene))
+    assert set(bpy.data.user_map()) == before
+    assert stored_groups.groups_of(scene.crowd_lod) == groups
+    return float(str(error.value).split(" MB")[0].rpartition(" ")[2])
 
 
 def test_lods_that_fit_in_memory_are_built_and_the_others_are_not(scene, tmp_path):
@@ -129,16 +152,8 @@ def test_lods_that_fit_in_memory_are_built_and_the_others_are_not(scene, tmp_pat
     settings.tolerance = 0.2
     settings.frames = "1:20"
     stored_groups.store_groups(settings, group_measuring.measure_groups(scene))
-    list(make_levels(scene))
-    free = finished(estimate(scene)).prices[BuildCase("BY_TOLERANCE")].memory / 1e6
     settings.memory = 1.0
-    before = set(bpy.data.user_map())
-    groups = stored_groups.groups_of(settings)
-    with pytest.raises(CrowdError, match="The characters cannot take less than .* MB") as error:
-        list(make_levels(scene))
-    assert set(bpy.data.user_map()) == before and stored_groups.groups_of(settings) == groups
-    least = float(str(error.value).split(" MB")[0].rpartition(" ")[2])
-    settings.memory = least + 0.4 * (free - least)  # guesses told the least
+    settings.memory = 1.1 * least_memory(scene)  # guesses told the least
     list(make_levels(scene))
     finest = scene_crowd.policy_of(settings).finest
     assert settings.memory_tolerance > 0.2 and max(finest) > 0
@@ -179,6 +194,8 @@ def test_lods_that_fit_in_memory_are_built_and_the_others_are_not(scene, tmp_pat
     finished(preview(scene, Preview([5], tmp_path / "out", 64), []))
     plan = json.loads((tmp_path / "out" / "plan.json").read_text())
     assert [told["finest_lod"] for told in plan["levels"]["characters"]] == list(finest)
+    settings.memory = 1.0
+    least_memory(scene)
 
 
 def test_the_button_asks_what_build_asks_where_lods_are_missing(levelled):
