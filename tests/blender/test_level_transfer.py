@@ -16,14 +16,16 @@ from ..support.characters import character, new, rig, skin, tube
 
 
 def lod(k, item):
+    """The LOD of `item` with as many triangles as LOD k of the settings has."""
     scene = bpy.context.scene
-    if scene.crowd_lod.characters is None:
+    settings = scene.crowd_lod
+    if settings.characters is None:
         character(item)
+    settings.level_count = 2
+    settings.ratios[1] = settings.ratios[k]
     list(make_levels(scene))
     return next(
-        o
-        for o in scene.crowd_lod.levels.children[k].all_objects
-        if o.name.startswith(f"{item.name} LOD")
+        o for o in settings.levels.children[1].all_objects if o.name.startswith(f"{item.name} LOD")
     )
 
 
