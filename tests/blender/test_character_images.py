@@ -16,6 +16,7 @@ from crowd_lod_extension.operators.settings.stored_figures import BuildCase
 
 from ..support.characters import character, new, painted, rig, skin, tube
 
+pytestmark = pytest.mark.usefixtures("rough_lods")
 SIZE = 1024
 
 
@@ -34,12 +35,16 @@ def picture(name, size=SIZE, **kind):
 
 
 @pytest.fixture
-def crowd():
+def crowd(saved_once):
     """A crowd of one character with an image, three LODs by distance, in front of a camera that
     looks down a long field.
     """
+    return saved_once("painted crowd", make_crowd)
+
+
+def make_crowd():
     scene = bpy.context.scene
-    item = new("body", tube("body"))
+    item = new("body", tube("body", 16, 12))
     item.data.materials.append(painted("skin", picture("cloth")))
     skin(item, rig())
     character(item)
@@ -64,12 +69,10 @@ def crowd():
     settings = scene.crowd_lod
     settings.count = 60
     settings.size = (20, 60)
-    settings.method = "DECIMATE"
     settings.level_count = 3
     settings.thresholds[:2] = (0.15, 0.4)
     store_groups(settings, measure_groups(scene))
     list(make_levels(scene))
-    return scene
 
 
 def test_images_are_in_what_builds_are_said_to_cost(crowd):

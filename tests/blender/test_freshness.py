@@ -27,24 +27,30 @@ from ..support.freshness import (
     changed_since_populate,
 )
 
-pytestmark = pytest.mark.usefixtures("at_once")
+pytestmark = pytest.mark.usefixtures("at_once", "rough_lods")
 
 DOCS = Path(__file__).parents[2] / "docs"
 FIRST = "crowd_lod.populate", "crowd_lod.make_levels", "crowd_lod.plan_shot", "crowd_lod.build"
 
 
 @pytest.fixture
-def shot(small_shot):
+def shot(saved_once, request):
     """A bending tube by a rig that walks, planned and built."""
-    armature = rig("walker")
-    small_shot.collection.objects.link(armature)
-    body = new("body", tube("body", 16, 12))
-    skin(body, armature)
-    small_shot.crowd_lod.characters = character(body, armature)
-    small_shot.crowd_lod.level_count = 2
-    bpy.ops.crowd_lod.populate()
-    finished(update_all(small_shot))
-    return small_shot
+
+    def make():
+        scene = request.getfixturevalue("small_shot")
+        armature = rig("walker")
+        scene.collection.objects.link(armature)
+        body = new("body", tube("body", 16, 12))
+        skin(body, armature)
+        scene.crowd_lod.characters = character(body, armature)
+        scene.crowd_lod.level_count = 2
+        bpy.ops.crowd_lod.populate()
+        bpy.ops.crowd_lod.make_levels()
+
+    scene = saved_once("walker", make)
+    finished(update_all(scene))  # a plan is a file of its own
+    return scene
 
 
 def rest(scene):

@@ -8,6 +8,7 @@ from crowd_lod_extension.operators.scene.characters.given_lods import GivenLod, 
 
 from ..support.characters import new, rig, skin, tube
 
+pytestmark = pytest.mark.usefixtures("rough_lods")
 SIZES = ((24, 24), (16, 20), (10, 14))  # vertices around and along of LOD 0, 1 and 2
 
 
@@ -74,8 +75,12 @@ def seen_from(scene, meters):
 
 def by_tolerance(scene):
     """Make LODs by tolerance; return (triangles, bound) of each LOD of the first group."""
+    scene.crowd_lod.choice = "BY_TOLERANCE"
+    return made(scene)
+
+
+def made(scene):
     settings = scene.crowd_lod
-    settings.choice = "BY_TOLERANCE"
     bpy.ops.crowd_lod.make_levels()
     group = settings.groups[0]
     return [(group.triangles[k], group.bounds[k]) for k in range(len(settings.levels.children))]
@@ -97,9 +102,9 @@ def test_lods_of_one_rig_are_one_character_and_are_used_before_ours():
         ["Man_LOD2"],
     ]
     seen_from(scene, 12)
-    made = by_tolerance(scene)
-    assert [triangles for triangles, _ in made] == [1152, 640, 280]
-    assert 0 < made[1][1] < made[2][1]
+    lods = by_tolerance(scene)
+    assert [triangles for triangles, _ in lods] == [1152, 640, 280]
+    assert 0 < lods[1][1] < lods[2][1]
     assert [meshes_of(scene, k) for k in (1, 2)] == [["Man_LOD1"], ["Man_LOD2"]]
 
 
@@ -111,8 +116,8 @@ def test_lods_on_rigs_of_their_own_are_measured_on_the_characters():
     other.location = (3, 0, 0)
     person(scene, "Man_LOD1", 1, other)
     take_all(scene)
-    seen_from(scene, 12)
-    triangles, bound = by_tolerance(scene)[1]
+    scene.crowd_lod.level_count = 2
+    triangles, bound = made(scene)[1]
     assert triangles == 640 and 0 < bound < 0.05
     (item,) = scene.crowd_lod.levels.children[1].all_objects
     assert item.modifiers["Armature"].object.name == "rig"
@@ -129,8 +134,8 @@ def test_lods_side_by_side_are_measured_where_the_character_stands():
         ("Car_LOD0", 1),
         ("Tree", 0),
     ]
-    seen_from(scene, 12)
-    assert by_tolerance(scene)[1] == (640, pytest.approx(0.005, abs=0.005))
+    scene.crowd_lod.level_count = 2
+    assert made(scene)[1] == (640, pytest.approx(0.005, abs=0.005))
 
 
 @pytest.mark.parametrize("below", [False, True])
@@ -174,8 +179,8 @@ def test_by_distance_they_come_first_and_the_others_are_coarser():
     settings.level_count = 3
     settings.choice = "BY_DISTANCE"
     bpy.ops.crowd_lod.make_levels()
-    whole, given, made = settings.groups[0].triangles[:3]
-    assert (whole, given) == (1152, 640) and made <= 320
+    whole, given, ours = settings.groups[0].triangles[:3]
+    assert (whole, given) == (1152, 640) and ours <= 320
 
 
 def test_a_rig_with_other_bones_is_refused_in_a_sentence():

@@ -22,6 +22,8 @@ from crowd_lod_extension.operators.settings.stored_figures import budget_of, pos
 from ..support.characters import character, new, tube
 from ..support.freshness import changed_since_make
 
+pytestmark = pytest.mark.usefixtures("rough_lods")
+
 
 def told_of_budget(scene):
     return [change for change in changed_since_make(scene) if change.startswith("budget ")]

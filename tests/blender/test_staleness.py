@@ -8,7 +8,7 @@ from crowd_lod_extension.operators.blender import image_data
 
 from ..support.freshness import changed_since_build
 
-pytestmark = pytest.mark.usefixtures("at_once")
+pytestmark = pytest.mark.usefixtures("at_once", "rough_lods")
 
 
 def paint(scene):
@@ -77,17 +77,17 @@ def follow(scene, name, changes):
 
 
 @pytest.mark.once
-def test_a_live_build_tells_what_it_does_not_follow(levelled):
-    follow(levelled, "build", CHANGES)
+def test_a_live_build_tells_what_it_does_not_follow(two_levels):
+    follow(two_levels, "build", CHANGES)
     for change in OF_A_BAKE.values():
-        change(levelled)
-    levelled.frame_set(2)
-    assert changed_since_build(levelled) == []  # those it follows
+        change(two_levels)
+    two_levels.frame_set(2)
+    assert changed_since_build(two_levels) == []  # those it follows
 
 
 @pytest.mark.once
-def test_a_bake_tells_what_differs_from_its_frames(levelled):
-    follow(levelled, "bake", {"the crowd": CHANGES["the crowd"]} | OF_A_BAKE)
+def test_a_bake_tells_what_differs_from_its_frames(two_levels):
+    follow(two_levels, "bake", {"the crowd": CHANGES["the crowd"]} | OF_A_BAKE)
     bpy.ops.crowd_lod.remove_build()
-    levelled.crowd_lod.seed += 1
-    assert changed_since_build(levelled) == []
+    two_levels.crowd_lod.seed += 1
+    assert changed_since_build(two_levels) == []
