@@ -52,7 +52,7 @@ def sphere(rings, segments, radius=1.0):
 
 @pytest.mark.once
 def test_a_sphere_deviates_from_its_inscribed_octahedron_as_geometry_says():
-    ball = sphere(200, 400, radius=2.0)
+    ball = sphere(100, 200, radius=2.0)
     octahedron = sphere(2, 4, radius=2.0)
     assert len(octahedron.data.polygons) == 8
     found = finished(deviation.measure(GROUP, [ball], [[ball], [octahedron]]))

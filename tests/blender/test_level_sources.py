@@ -198,7 +198,7 @@ def test_characters_linked_from_another_file(tmp_path, override):
     armature = rig()
     body = new("body", tube("body", 12, 12))
     skin(body, armature)
-    body.modifiers.new("Subdivision", "SUBSURF").levels = 1
+    body.modifiers.new("Subdivision", "SUBSURF").render_levels = 1
     character(armature, body, name="linked")
     path = str(tmp_path / "library.blend")
     bpy.data.libraries.write(path, {bpy.data.collections["linked"]}, fake_user=True)

@@ -79,7 +79,7 @@ def bowed(keyed=True):
     """An upright tube without an armature that a shape key, of 12 frames, bends into an arc, and
     another lets lean.
     """
-    item = new("trunk", tube("trunk", around=32, along=48))
+    item = new("trunk", tube("trunk", around=16, along=24))
     character(item, name="trunk")
     item.shape_key_add(name="Basis", from_mix=False)
     rest = mesh_data.read_mesh(item.data).points

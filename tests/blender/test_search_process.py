@@ -39,6 +39,7 @@ def scene():
     camera.location = (0, -40, 2)
     camera.rotation_euler = (1.5, 0, 0)
     scene.crowd_lod.count = 60
+    scene.crowd_lod.size = (6, 6)
     return scene
 
 

@@ -35,7 +35,7 @@ def volume(points, triangles):
 @pytest.mark.parametrize("ratio", [0.4, 0.12])
 def test_decimated_torus_keeps_its_shape(ratio):
     points, triangles = torus()
-    lod = decimate(Mesh(points, triangles), ratio, "torus")
+    lod = decimate(Mesh(points, triangles), ratio, "torus", effort=0.2)
     assert len(lod.triangles) == pytest.approx(ratio * len(triangles), rel=0.05)
     assert volume(lod.points, lod.triangles) == pytest.approx(volume(points, triangles), rel=0.08)
     # every point takes its weights from a source point close by
@@ -57,7 +57,7 @@ def test_places_that_weigh_more_keep_more_triangles():
     spot = points[:, 0] > 1.2
     counts = []
     for weight in (None, np.where(spot, 64.0, 1.0)):
-        lod = decimate(Mesh(points, triangles), 0.12, "torus", weight=weight)
+        lod = decimate(Mesh(points, triangles), 0.12, "torus", weight=weight, effort=0.2)
         counts.append(
             (lod.points[lod.triangles][:, :, 0].mean(axis=1) > 1.2).sum() / len(lod.triangles)
         )
@@ -231,7 +231,7 @@ def test_closed_stays_closed_with_no_face_turned_doubled_or_flat(make, ratio):
 
 def test_open_borders_stay_open_and_in_place():
     points, triangles = terrain()
-    lod = decimate(Mesh(points, triangles), 0.12, "terrain")
+    lod = decimate(Mesh(points, triangles), 0.12, "terrain", effort=0.2)
     edges, count = edge_counts(lod.triangles)
     assert set(count) == {1, 2}
     rim = lod.points[np.unique(edges[count == 1]), :2]
@@ -245,7 +245,7 @@ def test_a_seam_is_kept_in_place():
     points[:, 2] = 0  # flat: nothing but the seam holds its points
     seam = n * np.arange(n) + 11
     edges = np.stack([seam[:-1], seam[1:]], 1)
-    lod = decimate(Mesh(points, triangles), 0.12, "terrain", seams=edges)
+    lod = decimate(Mesh(points, triangles), 0.12, "terrain", seams=edges, effort=0.2)
     line = points[seam[0], 1]
     across = lod.points[:, 1][lod.triangles] - line
     assert (
@@ -287,6 +287,7 @@ def test_borders_at_the_same_points_do_not_part():
         Mesh(points[triangles].reshape(-1, 3), np.arange(triangles.size).reshape(-1, 3)),
         0.12,
         "split",
+        effort=0.2,
     )
     assert (edge_counts(lod.triangles)[1] == 2).all()
 
@@ -297,7 +298,7 @@ def test_borders_at_the_same_points_do_not_part():
 )
 def test_strips_stay_while_there_are_triangles_and_are_spread_out_after(columns, ratio, parts):
     points, triangles = cards(columns=columns)
-    lod = decimate(Mesh(points, triangles), ratio, "hair")
+    lod = decimate(Mesh(points, triangles), ratio, "hair", effort=0.2)
     kept = np.unique(lod.source[lod.triangles[:, 0]] // (2 * (columns + 1)))
     assert len(lod.triangles) == round(ratio * len(triangles)) and len(kept) == parts
     if parts < 200:
