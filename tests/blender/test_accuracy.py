@@ -137,6 +137,7 @@ def test_the_report_measures_and_concludes(tolerant, tmp_path, capfd):
     }
 
 
+@pytest.mark.once
 def test_a_process_tells_its_progress_and_ends_with_the_steps(tmp_path):
     code = "import os, time; print(os.getpid(), 'it: 39%', flush=True); time.sleep(60)"
     steps = run_process([sys.executable, "-c", code], tmp_path / "log", patience=5.0)

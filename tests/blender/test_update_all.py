@@ -162,6 +162,7 @@ def newcomer(shot):
     return shot
 
 
+@pytest.mark.once
 def test_update_all_asks_before_it_makes_lods_of_a_character_without_an_action(newcomer):
     look_again(newcomer)
     assert "the character groups" in due_steps(newcomer)["Populate"]
@@ -179,6 +180,7 @@ def test_update_all_asks_before_it_makes_lods_of_a_character_without_an_action(n
     assert MAKE in done
 
 
+@pytest.mark.once
 def test_an_action_is_an_answer_too_and_scripts_can_give_either(newcomer):
     bpy.data.collections["Newcomer"]["stands_still"] = True
     assert MAKE in update(newcomer)[0]

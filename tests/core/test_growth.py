@@ -56,6 +56,7 @@ def test_state_blocks_and_results_stay_within_their_bytes(groups, edge, heights)
     assert np.count_nonzero(frame.visible) == len(frame.buckets.order)
 
 
+@pytest.mark.once
 def test_a_long_shot_keeps_few_crowds_and_stays_a_function_of_the_frame(in_blocks, monkeypatch):
     camera = straight(offset=(0, -30, 0))
     policy = LevelPolicy((0.3, 0.6))
