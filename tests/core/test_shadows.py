@@ -87,6 +87,8 @@ def test_no_shadow_that_falls_into_the_picture_is_missed(light, kind):
     camera = straight(kind=kind)
     if kind == "PANO":
         camera = replace(camera, cone=0.8)
+    elif kind == "ORTHO":
+        camera = lens_blur(camera, 1.0, 5.0)
     box = np.array([(-100, -30, -1), (100, 150, 20.0)])
     centers = random.uniform((-100, -30, 0), (100, 150, 20), (1000, 3))
     radius = random.uniform(0.5, 5, 1000)
