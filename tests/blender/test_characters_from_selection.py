@@ -300,10 +300,15 @@ def test_loose_parts_that_lie_in_one_another_are_one_character_and_ground_is_non
         box("head", (0.1, 0, 1.45), (0.3, 0.3, 1.8)),
         box("belt", (-0.1, -0.1, 0.85), (0.5, 0.4, 0.9)),
     ]
+    parts += [
+        box("horse", (6, 0, 0.8), (9.6, 0.5, 1.7)),
+        box("hooves", (6, 0, 0), (9.6, 0.5, 0.85)),
+    ]
     other = box("statue", (3, 0, 0), (3.5, 0.5, 2))
     press(*parts, other, box("ground", (-50, -50, -0.1), (50, 50, 0.05)))
     assert groups() == {
         "legs": ["belt", "chest", "head", "legs"],
+        "horse": ["hooves", "horse"],
         "statue": ["statue"],
         "ground": ["ground"],
     }

@@ -156,6 +156,19 @@ def test_bones_that_go_with_the_main_one_lose_its_way_and_others_keep_theirs():
     assert {each.path.split('"')[1] for each in taken} == {"lower", "target"}
 
 
+def test_whoever_plays_an_action_by_name_loses_its_way_and_that_of_its_parent():
+    scene, item = walker()
+    on_parent()
+    on_root_bone()
+    scene.view_layers[0].update()
+    player = bpy.data.objects["rig"]
+    slot = player.animation_data.action_slot
+    action = player.animation_data.action
+    taken = root_motion.of_action(player, [item], action, slot.handle, (1, LAST)).travels
+    places = [(each.owner.name, each.path, each.index) for each in taken]
+    assert {name for name, *_ in places} == {"rig", "holder"} and len({*places}) == len(places)
+
+
 def test_who_sits_down_or_shifts_a_little_is_left_alone():
     scene, _ = walker()
     armature = bpy.data.objects["rig"]

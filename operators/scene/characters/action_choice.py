@@ -167,10 +167,11 @@ def choose_action(rig: bpy.types.Object, group: str, name: str) -> Fit:
 def _why_none(group: str, fits: Sequence[Fit]) -> str:
     """Return why a group can play none of the actions, which move bones of its names."""
     first = fits[0]
-    many = f" Neither do {counted(len(fits) - 1, 'other action')}." if len(fits) > 1 else ""
+    others = counted(len(fits) - 1, "other action does not fit", "other actions do not fit")
+    more = f" {others} either." if len(fits) > 1 else ""
     return (
         f"{first.action.name} does not fit {group}: it was made for {first.source.name}, whose "
-        f"{listed(first.misfits)} are built otherwise. Retarget it to this rig.{many}"
+        f"{listed(first.misfits)} are built otherwise. Retarget it to this rig.{more}"
     )
 
 
