@@ -55,7 +55,7 @@ def waiting(scene):
     people.children.unlink(people.children["heavy"])
     name_actions(scene)
     scene.crowd_lod.count = 60
-    scene.crowd_lod.level_count = 2
+    scene.crowd_lod.level_count = 1
     return scene
 
 
@@ -243,6 +243,7 @@ def test_spheres_and_deviations_hold_in_every_action(waiting):
     name_actions(waiting)
     people = waiting.crowd_lod.characters
     people.children.unlink(people.children["child"])
+    waiting.crowd_lod.level_count = 2
     scene = levelled(waiting)
     (group,) = groups_of(scene.crowd_lod)
     assert (
@@ -335,7 +336,6 @@ def test_only_groups_of_the_crowd_that_names_an_action_need_it(waiting):
     with pytest.raises(CrowdError, match="the file has none for the character group child"):
         measure_groups(waiting)
     waiting.crowd_lod.group_names = "adult"
-    waiting.crowd_lod.level_count = 1
     scene = levelled(waiting)  # the child has no agents
     other = scene.crowd_lod.crowds.add()
     other.name = "others"

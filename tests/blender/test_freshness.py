@@ -41,7 +41,7 @@ def shot(saved_once, request):
         scene = request.getfixturevalue("small_shot")
         armature = rig("walker")
         scene.collection.objects.link(armature)
-        body = new("body", tube("body", 16, 12))
+        body = new("body", tube("body", 12, 8))
         skin(body, armature)
         scene.crowd_lod.characters = character(body, armature)
         scene.crowd_lod.level_count = 2
