@@ -19,9 +19,9 @@ def test_faces_that_only_a_modifier_makes_count():
     screw.steps = screw.render_steps = 32
     character(item)
     lods = make_lods(2)
-    count = mesh_data.count_triangles(lods["vase LOD 2"].data)
+    count = mesh_data.count_triangles(lods["vase LOD 1"].data)
     assert count == pytest.approx(0.12 * 8 * 32 * 2, rel=0.2)
-    assert np.abs(np.linalg.norm(world(lods["vase LOD 2"])[:, :2], axis=1) - 1).max() < 0.15
+    assert np.abs(np.linalg.norm(world(lods["vase LOD 1"])[:, :2], axis=1) - 1).max() < 0.15
 
 
 @pytest.mark.once
@@ -40,7 +40,7 @@ def test_shape_keys_that_move_are_kept_through_modifiers_and_driven_by_the_chara
         fat.keyframe_insert("value", frame=frame)
     item.modifiers.new("Subdivision", "SUBSURF").levels = 1
     character(item)
-    lod = make_lods(1)["body LOD 1"]
+    lod = make_lods()["body LOD 1"]
     assert lod.data.shape_keys.key_blocks.keys() == ["Basis", "fat"]
     for frame, radius in ((1, 0.2), (10, 0.4)):
         bpy.context.scene.frame_set(frame)
@@ -73,7 +73,7 @@ def test_vertex_groups_of_what_nodes_join_keep_their_names():
     body.modifiers.new("Join", "NODES").node_group = tree
     skin(body, armature)
     character(body)
-    lod = make_lods(1)["body LOD 1"]
+    lod = make_lods()["body LOD 1"]
     of = {group.index: group.name for group in lod.vertex_groups}
     assert set(of.values()) == {"a", "b", "c", "lower", "upper"}
     top = [
@@ -97,7 +97,7 @@ def test_modifiers_count_as_they_are_rendered():
         character(item, name=name)
     wide = {
         name: np.ptp(mesh_data.read_mesh(item.data).points[:, 0])
-        for name, item in make_lods(1).items()
+        for name, item in make_lods().items()
     }
     assert (
         wide["rendered LOD 1"]
@@ -121,7 +121,7 @@ def test_what_is_shrunk_onto_a_body_is_so_at_rest():
     wrap.offset = 0.02
     character(armature, body, shirt)
     low, high = (
-        getattr(mesh_data.read_mesh(make_lods(1)["shirt LOD 1"].data).points, end)(axis=0)
+        getattr(mesh_data.read_mesh(make_lods()["shirt LOD 1"].data).points, end)(axis=0)
         for end in ("min", "max")
     )
     assert np.allclose(low, (-0.22, -0.22, 0), atol=0.03) and np.allclose(
@@ -151,7 +151,7 @@ def test_of_two_armatures_that_deform_it_in_turn_a_lod_follows_both():
     bpy.ops.object.mode_set(mode="OBJECT")
     item.vertex_groups.new(name="face upper").add(range(len(item.data.vertices)), 0.1, "REPLACE")
     character(body, face, item)
-    lod = make_lods(1)["body LOD 1"]
+    lod = make_lods()["body LOD 1"]
     for vertex in lod.data.vertices:
         weights = {lod.vertex_groups[entry.group].name: entry.weight for entry in vertex.groups}
         assert (

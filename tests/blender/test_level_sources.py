@@ -13,14 +13,13 @@ from ..support.characters import character, new, rig, skin, tube
 pytestmark = pytest.mark.usefixtures("rough_lods")
 
 
-def make_lods(k=None):
-    """The LODs' collection; of LOD `k` the objects by name."""
-    scene = bpy.context.scene
-    if k:
-        scene.crowd_lod.level_count = k + 1
-    list(make_levels(scene))
-    levels = scene.crowd_lod.levels
-    return levels if k is None else {item.name: item for item in levels.children[k].all_objects}
+def make_lods(k=1):
+    """The objects of LOD 1 by name, of as many triangles as LOD `k` has by default."""
+    settings = bpy.context.scene.crowd_lod
+    settings.level_count = 2
+    settings.ratios[1] = settings.ratios[k]
+    list(make_levels(bpy.context.scene))
+    return {item.name: item for item in settings.levels.children[1].all_objects}
 
 
 def world(item):
@@ -49,7 +48,7 @@ def test_curves_and_text_become_meshes_where_they_stand_with_their_own_materials
     text.body = "Hello"
     text.extrude = 0.1
     character(wire, new("sign", text))
-    lods = make_lods(1)
+    lods = make_lods()
     assert [material.name for material in lods["wire LOD 1"].data.materials] == ["own"]
     low = world(lods["wire LOD 1"]).min(axis=0)
     high = world(lods["wire LOD 1"]).max(axis=0)
@@ -106,10 +105,10 @@ def test_an_object_without_faces_among_others_and_hair_are_kept_whole():
     hair.data.add_curves([4, 4])
     character(new("guide", bpy.data.meshes.new("guide")), hair, new("body", tube("body")))
     lods = make_lods(2)
-    assert lods["hair LOD 2"].data is hair.data and set(lods) == {
-        "guide LOD 2",
-        "hair LOD 2",
-        "body LOD 2",
+    assert lods["hair LOD 1"].data is hair.data and set(lods) == {
+        "guide LOD 1",
+        "hair LOD 1",
+        "body LOD 1",
     }
 
 
@@ -125,7 +124,7 @@ def test_what_is_hidden_in_renders_and_the_shapes_of_bones_are_left_out():
     group.children.link(extras)
     extras.objects.link(new("extra", tube("extra")))
     extras.hide_render = True
-    lods = make_lods(1)
+    lods = make_lods()
     assert set(lods) == {"body LOD 1"}
     assert mesh_data.count_triangles(lods["body LOD 1"].data) == pytest.approx(
         0.4 * 4 * 2 * 12 * 12, rel=0.03
@@ -151,14 +150,14 @@ def test_nested_collections_shared_meshes_and_props_on_bones_follow_the_bone():
         prop.location = (0.4 * side, 0, 0)
         prop.scale = (side, 1, 1)
     lods = make_lods(2)
-    assert set(lods) == {"body LOD 2", "left LOD 2", "right LOD 2"}
+    assert set(lods) == {"body LOD 1", "left LOD 1", "right LOD 1"}
     assert left.data.users == 4  # the two, and the two of LOD 0
     scene = bpy.context.scene
     for frame in (1, 10):
         scene.frame_set(frame)
         for prop in (left, right):
             fine = world(prop)
-            coarse = world(lods[f"{prop.name} LOD 2"])
+            coarse = world(lods[f"{prop.name} LOD 1"])
             assert np.allclose(coarse.min(axis=0), fine.min(axis=0), atol=0.02)
             assert np.allclose(coarse.max(axis=0), fine.max(axis=0), atol=0.02)
     assert (
@@ -218,7 +217,7 @@ def test_characters_linked_from_another_file(tmp_path, override):
     scene.crowd_lod.characters = top
     scene.crowd_lod.choice = "BY_DISTANCE"
     states = {block: (block.name, block.library) for block in bpy.data.user_map()}
-    lod = make_lods(2)["body LOD 2"]
+    lod = make_lods(2)["body LOD 1"]
     assert (
         lod.library is None
         and lod.override_library is None
@@ -269,7 +268,7 @@ def test_one_triangle_and_two_hundred_loose_parts():
     parts = bpy.data.meshes.new("parts")
     parts.from_pydata(points, [], faces)
     character(new("one", one), new("parts", parts))
-    lods = make_lods(1)
+    lods = make_lods()
     assert mesh_data.count_triangles(lods["one LOD 1"].data) == 1
     found = mesh_data.read_mesh(lods["parts LOD 1"].data).triangles
     assert len(np.unique(np.sort(found, axis=1), axis=0)) == len(found) >= 200  # none twice
@@ -291,7 +290,7 @@ def test_of_less_than_a_face_one_is_left(monkeypatch):
     settings = bpy.context.scene.crowd_lod
     settings.ratios[1] = 0.005
     settings.ratios[2] = 0.002
-    assert mesh_data.count_triangles(make_lods(1)["cards LOD 1"].data) >= 1
+    assert mesh_data.count_triangles(make_lods()["cards LOD 1"].data) >= 1
 
 
 def test_a_stray_face_without_area_costs_no_lod_its_likeness():
@@ -303,6 +302,6 @@ def test_a_stray_face_without_area_costs_no_lod_its_likeness():
     stray = bpy.data.meshes.new("stray")
     stray.from_pydata(points, [], [*faces, (at, at + 1, at + 2), (at + 3, at + 4, at + 5)])
     character(new("stray", stray))
-    lod = make_lods(1)["stray LOD 1"]
+    lod = make_lods()["stray LOD 1"]
     assert np.abs(mesh_data.read_mesh(lod.data).points[:, :2]).max() < 0.25
     assert bpy.context.scene.crowd_lod.groups[0].deviations[1] < 0.05
