@@ -11,6 +11,7 @@ from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 
 from ..support.coarse_characters import CAGE
 from ..support.empty_file import open_empty_file
+from ..support.objects import collection, filmed_from
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -50,17 +51,11 @@ def scene(request):
     scene.render.fps = 24
     scene.render.resolution_x = 160
     scene.render.resolution_y = 90
-    characters = bpy.data.collections.new("People")
-    scene.collection.children.link(characters)
+    characters = collection("People")
     make_characters(characters, finer=_finer(request))
     characters.children.unlink(characters.children["heavy"])
     characters.hide_render = True
-    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
-    scene.collection.objects.link(camera)
-    scene.camera = camera
-    camera.data.clip_end = 60
-    camera.location = (0, -25, 2)
-    camera.rotation_euler = (1.5, 0, 0)
+    filmed_from((0, -25, 2), (1.5, 0, 0), clip_end=60)
     settings = scene.crowd_lod
     settings.characters = characters
     settings.forward = "X"
@@ -80,10 +75,7 @@ def small_shot():
     scene.render.resolution_y = 45
     scene.frame_start = 1
     scene.frame_end = 2
-    scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
-    scene.collection.objects.link(scene.camera)
-    scene.camera.location = (0, -25, 2)
-    scene.camera.rotation_euler = (1.5, 0, 0)
+    filmed_from((0, -25, 2), (1.5, 0, 0))
     settings = scene.crowd_lod
     settings.count = 6
     settings.size = (10, 10)

@@ -24,6 +24,7 @@ from crowd_lod_extension.operators.viewport.draw_data import Style, drawing
 from crowd_lod_extension.sample_scenes.characters import make_characters
 
 from ..support.coarse_characters import CAGE
+from ..support.objects import placed
 from ..support.rigs import itself
 from ..support.scene_frames import frame_now
 from .test_rigs import instances
@@ -176,8 +177,7 @@ def test_actions_that_cannot_be_played_are_told_in_a_sentence(waiting):
         "or idle",
     ):
         group_of(waiting, wait=going("idle", 0))
-    of_another = bpy.data.objects.new("other", bpy.data.armatures.new("other"))
-    waiting.collection.objects.link(of_another)
+    of_another = placed("other", bpy.data.armatures.new("other"))
     of_another.animation_data_create().action = bpy.data.actions.new("jump")
     for frame in (1, 10):
         of_another.animation_data.action.fcurve_ensure_for_datablock(

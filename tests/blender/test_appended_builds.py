@@ -11,6 +11,8 @@ from crowd_lod_extension.operators.build.buttons import build_live
 from crowd_lod_extension.operators.build.shelves import points_of
 from crowd_lod_extension.operators.ui import steps
 
+from ..support.objects import filmed_from
+
 
 def saved(scene, path):
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
@@ -56,8 +58,7 @@ def test_without_its_scene_it_says_that_it_stands_still_by_name(built, tmp_path,
     assert steps.messages(scene)[0][0].startswith(told) and steps.messages(scene)[0][1] == "ERROR"
     if kind == "Object":  # renders say the same
         return
-    scene.camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
-    scene.collection.objects.link(scene.camera)
+    filmed_from((0, 0, 0))
     scene.render.engine = "BLENDER_WORKBENCH"
     scene.render.resolution_percentage = 1
     scene.render.filepath = str(tmp_path / "x")

@@ -13,6 +13,8 @@ from crowd_lod_extension.operators.blender import cameras, image_data
 from crowd_lod_extension.operators.blender.materials import switch_nodes_on
 from mathutils import Euler, Matrix, Vector
 
+from ..support.objects import filmed_from, mesh_of, placed
+
 FULL = bool(os.environ.get("CROWD_LOD_FULL"))
 CAMERAS, AGENTS = (250, 2000) if FULL else (12, 500)
 KINDS = ("PERSP", "ORTHO", "sheared", "stereo")
@@ -40,9 +42,7 @@ def scene():
     """An empty scene with a camera."""
     bpy.utils.register_class(Asked)
     scene = bpy.context.scene
-    data = bpy.data.cameras.new("Eye")
-    scene.camera = bpy.data.objects.new("Eye", data)
-    scene.collection.objects.link(scene.camera)
+    filmed_from((0, 0, 0))
     yield scene
     bpy.utils.unregister_class(Asked)
 
@@ -68,8 +68,7 @@ def shuffle(scene, random, kind):
     render.resolution_x, render.resolution_y = (int(n) for n in random.integers(16, 4000, 2))
     render.resolution_percentage = int(random.integers(1, 200))
     render.pixel_aspect_x, render.pixel_aspect_y = random.uniform(1, 2, 2)
-    parent = bpy.data.objects.new("Parent", None)
-    scene.collection.objects.link(parent)
+    parent = placed("Parent")
     turn = Euler(random.uniform(-3, 3, 3)).to_matrix().to_4x4()
     scale = (
         Matrix.Diagonal((*random.uniform(0.3, 3, 3), 1))
@@ -252,11 +251,9 @@ def lit(scene, point, folder, engine, size=(96, 64)):
     """(x, y) in parts of the image of the middle of what is lit in a render of one small bright
     ball at `point`.
     """
-    mesh = bpy.data.meshes.new("ball")
-    ball = bpy.data.objects.new("ball", mesh)
     corners = 0.15 * np.array([(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)])
     faces = [(0, 2, 4), (2, 1, 4), (1, 3, 4), (3, 0, 4), (2, 0, 5), (1, 2, 5), (3, 1, 5), (0, 3, 5)]
-    mesh.from_pydata((corners + point).tolist(), [], faces)
+    mesh = mesh_of("ball", corners + point, faces)
     material = bpy.data.materials.new("glow")
     nodes = switch_nodes_on(material)
     glow = nodes.nodes.new("ShaderNodeEmission")
@@ -264,7 +261,7 @@ def lit(scene, point, folder, engine, size=(96, 64)):
         glow.outputs[0], next(n for n in nodes.nodes if n.type == "OUTPUT_MATERIAL").inputs[0]
     )
     mesh.materials.append(material)
-    scene.collection.objects.link(ball)
+    ball = placed("ball", mesh)
     render = scene.render
     render.engine = engine
     render.film_transparent = True
@@ -293,8 +290,7 @@ def test_a_sheared_mirrored_camera_renders_where_its_coordinates_say(scene, engi
         import addon_utils
 
         addon_utils.enable("cycles")
-    parent = bpy.data.objects.new("Parent", None)
-    scene.collection.objects.link(parent)
+    parent = placed("Parent")
     parent.matrix_world = Matrix.Diagonal((-2.0, 1.0, 0.5, 1))
     scene.camera.parent = parent
     scene.camera.rotation_euler = 0.7, 0.4, 0.9
@@ -355,9 +351,7 @@ def test_depth_of_field_widens_the_view(scene):
     data.dof.use_dof = True
     data.dof.aperture_fstop = 1.0
     data.lens = 100.0
-    target = bpy.data.objects.new("Focus", None)
-    target.location = 3, 0, -4
-    scene.collection.objects.link(target)
+    target = placed("Focus", location=(3, 0, -4))
     data.dof.focus_object = target
     camera = cameras.read_cameras(scene, depsgraph_of(scene))[0]
     assert camera.pad == pytest.approx(0.05) and camera.turn == pytest.approx(0.05 / 4)

@@ -13,6 +13,7 @@ from crowd_lod_extension.operators.scene.characters.character_extent import (
     posing,
 )
 
+from ..support.objects import mesh_of, placed
 from .test_camera import scene  # noqa: F401
 
 
@@ -66,10 +67,8 @@ def test_motion_blur_keeps_what_any_time_of_the_shutter_shows(scene):  # noqa: F
 
 
 def test_the_bounding_sphere_holds_the_action_between_frames_too(scene):  # noqa: F811
-    mesh = bpy.data.meshes.new("swinging")
-    mesh.from_pydata([(0, 0, 0), (0, 0, 2), (0.5, 0, 2)], [], [(0, 1, 2)])
-    item = bpy.data.objects.new("swinging", mesh)
-    scene.collection.objects.link(item)
+    mesh = mesh_of("swinging", [(0, 0, 0), (0, 0, 2), (0.5, 0, 2)], [(0, 1, 2)])
+    item = placed("swinging", mesh)
     # a spike between whole frames: fast turn, three frames for a full swing
     for frame in range(1, 14):
         item.rotation_euler = 0, 1.2 * (-1) ** (frame // 3), 0

@@ -14,6 +14,8 @@ from crowd_lod_extension.operators.blender import cameras, image_data
 from crowd_lod_extension.operators.blender.materials import switch_nodes_on
 from mathutils import Matrix
 
+from ..support.objects import filmed_from, mesh_of, placed
+
 SPHERES = 80
 BALL = np.array(
     [(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if x or y or z],
@@ -27,10 +29,7 @@ def scene():
     """A camera above and beside the origin, in a small picture."""
     addon_utils.enable("cycles")
     scene = bpy.context.scene
-    scene.camera = bpy.data.objects.new("Eye", bpy.data.cameras.new("Eye"))
-    scene.collection.objects.link(scene.camera)
-    scene.camera.location = (3, -2, 5)
-    scene.camera.rotation_euler = (1.1, 0.2, 0.7)
+    filmed_from((3, -2, 5), (1.1, 0.2, 0.7))
     render = scene.render
     render.engine = "CYCLES"
     render.resolution_x = 36
@@ -65,17 +64,15 @@ def lit(scene, tmp_path):
     faces = [tuple(np.argsort(np.linalg.norm(BALL - corner, axis=1))[:3]) for corner in BALL]
 
     def count(points, radius):
-        mesh = bpy.data.meshes.new("balls")
         corners = (points[:, None] + radius[:, None, None] * BALL).reshape(-1, 3)
         every = [
             tuple(int(k) + len(BALL) * n for k in face)
             for n in range(len(points))
             for face in faces
         ]
-        mesh.from_pydata(corners.tolist(), [], every)
+        mesh = mesh_of("balls", corners, every)
         mesh.materials.append(glow)
-        item = bpy.data.objects.new("balls", mesh)
-        scene.collection.objects.link(item)
+        placed("balls", mesh)
         for path in tmp_path.glob("*.png"):
             path.unlink()
         scene.render.filepath = str(tmp_path / "view.png")
@@ -162,8 +159,7 @@ def pixel_aspect(scene):
 
 def below(matrix):
     def set_up(scene):
-        parent = bpy.data.objects.new("Parent", None)
-        scene.collection.objects.link(parent)
+        parent = placed("Parent")
         parent.matrix_world, scene.camera.parent = matrix, parent
 
     return set_up
@@ -176,7 +172,7 @@ def linked(scene):
     bpy.data.libraries.write(path, {scene.camera})
     bpy.data.objects.remove(scene.camera)
     with bpy.data.libraries.load(path, link=True) as (_, wanted):
-        wanted.objects = ["Eye"]
+        wanted.objects = ["Camera"]
     scene.camera = wanted.objects[0]
     scene.collection.objects.link(scene.camera)
 

@@ -9,47 +9,26 @@ import numpy as np
 import pytest
 from crowd_lod_extension.operators.blender.references import closure_of
 from crowd_lod_extension.operators.blender.scene_data import set_node_input
-from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.freshness.artifacts import to_make_again
 from crowd_lod_extension.operators.scene.characters import character_provenance
 from crowd_lod_extension.operators.viewport import character_cache
 
 from ..support.characters import character, new, rig, skin, tube
+from ..support.commands import quietly
 from ..support.freshness import changed_since_build
 from ..support.nodes import nodes_modifier
+from ..support.objects import box_mesh, placed
 from ..support.rigs import keyed
 
 HEIGHTS = {"box": 1.8, "knight": 1.75, "turned": 1.0, "linked": 1.8, "appended": 1.8}
-
-
-def beside(name, data=None):
-    """A new object of the scene that is in none of the characters' collections."""
-    item = new(name, data)
-    bpy.context.scene.collection.objects.link(item)
-    return item
-
-
-def empty(name, parent=None, **values):
-    item = beside(name)
-    item.parent = parent
-    for key, value in values.items():
-        setattr(item, key, value)
-    return item
 
 
 def box(name):
     """0.5 x 0.3 x 1.8 m by an empty of scale 0.01 turned by 90 degrees: in itself in centimeters
     with y up.
     """
-    mesh = bpy.data.meshes.new(name)
-    corners = [(x, y, z) for z in (-15.0, 15.0) for y in (0.0, 180.0) for x in (-25.0, 25.0)]
-    mesh.from_pydata(
-        corners,
-        [],
-        [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)],
-    )
-    item = new(name, mesh)
-    item.parent = empty(f"root of {name}", scale=(0.01,) * 3, rotation_euler=(pi / 2, 0, 0))
+    item = new(name, box_mesh(name, (-25, 0, -15), (25, 180, 15)))
+    item.parent = placed(f"root of {name}", scale=(0.01,) * 3, rotation_euler=(pi / 2, 0, 0))
     return item
 
 
@@ -62,8 +41,8 @@ def knight():
     skin(item, armature)
     armature.animation_data_clear()
     armature.pose.bones["upper"].rotation_euler = (0, 0, 0)
-    armature.parent = empty(
-        "scale", parent=empty("file", location=(4, 0, 0)), scale=(1.75 / 5.47,) * 3
+    armature.parent = placed(
+        "scale", parent=placed("file", location=(4, 0, 0)), scale=(1.75 / 5.47,) * 3
     )
     return item, armature
 
@@ -73,7 +52,7 @@ def turned():
     leaves 1 m of height.
     """
     item = new("turned", tube("turned", 6, 4, radius=0.0001))
-    item.constraints.new("DAMPED_TRACK").target = empty("target", location=(100 * 3**0.5, 0, 100))
+    item.constraints.new("DAMPED_TRACK").target = placed("target", location=(100 * 3**0.5, 0, 100))
     item.constraints[0].track_axis = "TRACK_Z"
     return item
 
@@ -153,8 +132,8 @@ def test_characters_have_their_size_in_spheres_build_bake_and_export(
 
 def test_an_animated_empty_above_moves_the_character_in_all_phases(small_shot):
     item = new("swung", tube("swung", 6, 4, radius=0.0001))
-    pivot = empty("pivot")
-    item.parent = empty("between", parent=pivot)
+    pivot = placed("pivot")
+    item.parent = placed("between", parent=pivot)
     character(item, name="swung")
     keyed(pivot, "rotation_euler", (pi / 3, 0, 0), 11)
     settings = small_shot.crowd_lod
@@ -198,30 +177,30 @@ def depending():
     skin(item, armature)
     armature.animation_data_clear()
     grandparent, target_of_target, pointed, inner, driving = (
-        empty(name) for name in ("above", "beyond", "pointed", "inner", "driving")
+        placed(name) for name in ("above", "beyond", "pointed", "inner", "driving")
     )
-    armature.parent = empty("parent", parent=grandparent)
-    tracked = empty("tracked", parent=target_of_target)
+    armature.parent = placed("parent", parent=grandparent)
+    tracked = placed("tracked", parent=target_of_target)
     armature.pose.bones["upper"].constraints.new("COPY_LOCATION").target = tracked
     armature.pose.bones["upper"].constraints[0].influence = 0.5
     driver = item.driver_add("location", 0).driver
     driver.variables.new().targets[0].id = driving
     driver.variables[0].type = "TRANSFORMS"
-    wrapping = beside("wrapping", tube("wrapping", 4, 3))
-    cage = beside("cage", bpy.data.lattices.new("cage"))
+    wrapping = placed("wrapping", tube("wrapping", 4, 3))
+    cage = placed("cage", bpy.data.lattices.new("cage"))
     item.modifiers.new("Shrinkwrap", "SHRINKWRAP").target = wrapping
     item.modifiers.new("Lattice", "LATTICE").object = cage
     item.modifiers.new("Solidify", "SOLIDIFY").thickness = 0.1
     nodes = nodes_modifier(item)
     set_node_input(nodes, "Object", pointed)
     members = bpy.data.collections.new("members")
-    members.objects.link(beside("member"))
+    members.objects.link(placed("member"))
     set_node_input(nodes, "Collection", members)
     info = nodes.node_group.nodes.new("GeometryNodeObjectInfo")
     info.inputs[0].default_value = inner
     path, profile = (
         make(name, bpy.data.curves.new(name, "CURVE"))
-        for name, make in (("path", new), ("profile", beside))
+        for name, make in (("path", new), ("profile", placed))
     )
     for each in (path, profile):
         each.data.splines.new("POLY").points.add(2)
@@ -287,13 +266,7 @@ def test_the_command_scene_keeps_all_that_a_character_is_made_of(small_shot, tmp
     tracks.write_text("# framerate: 25 fps\n# id frame x/m y/m\n1 1 0 0\n1 2 0.05 0\n")
     before = character_provenance.of_characters(character_provenance.character_inputs(small_shot))
     bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
-    assert (
-        commands.run_command(
-            ["scene", str(tracks), "--characters", str(path), "--out", str(out), "--quiet"],
-            "crowd-lod",
-        )
-        == 0
-    )
+    assert quietly("scene", tracks, "--characters", path, "--out", out) == 0
     bpy.ops.wm.open_mainfile(filepath=str(out), load_ui=False)
     assert (
         character_provenance.of_characters(character_provenance.character_inputs(bpy.context.scene))
@@ -303,8 +276,7 @@ def test_the_command_scene_keeps_all_that_a_character_is_made_of(small_shot, tmp
 
 def test_neither_the_scene_nor_what_a_lamp_shines_on_is_part_of_a_character(small_shot):
     item = new("item", tube("item", 4, 3))
-    lit = new("lit", tube("lit", 4, 3))
-    small_shot.collection.objects.link(lit)
+    lit = placed("lit", tube("lit", 4, 3))
     variable = item.driver_add("location", 0).driver.variables.new()
     variable.type = "SINGLE_PROP"
     variable.targets[0].id_type = "SCENE"

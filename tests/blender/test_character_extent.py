@@ -17,6 +17,8 @@ from mathutils import Matrix
 
 from ..support.characters import character, new, rig, skin, tube
 from ..support.messages import sentences, told
+from ..support.nodes import geometry_nodes
+from ..support.objects import box_mesh, filmed_from, mesh_of
 from ..support.rigs import keyed
 
 # of the picture; meters that it shows
@@ -29,13 +31,8 @@ def lit(tmp_path, height, frames=(1,)):
     renders from the side show.
     """
     scene = bpy.context.scene
-    eye = new("eye", bpy.data.cameras.new("eye"))
-    eye.data.type = "ORTHO"
-    eye.data.ortho_scale = WIDTH
-    eye.location = (0, -20, height)
-    eye.rotation_euler = (np.pi / 2, 0, 0)
-    scene.collection.objects.link(eye)
-    scene.camera, render = eye, scene.render
+    filmed_from((0, -20, height), (np.pi / 2, 0, 0), type="ORTHO", ortho_scale=WIDTH)
+    render = scene.render
     render.engine = "CYCLES"
     scene.cycles.samples = 1
     scene.cycles.use_denoising = False
@@ -65,8 +62,7 @@ def in_renders_only(body):
 
 def finer_in_renders(body):
     """A tile whose middle, which only renders have, is pulled up."""
-    mesh = bpy.data.meshes.new("tile")
-    mesh.from_pydata([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], [], [(0, 1, 2, 3)])
+    mesh = mesh_of("tile", [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], [(0, 1, 2, 3)])
     tile = new("tile", mesh)
     finer = tile.modifiers.new("Finer", "SUBSURF")
     finer.subdivision_type = "SIMPLE"
@@ -209,14 +205,8 @@ def test_the_plans_sphere_holds_lods_that_stick_out_of_the_character(tmp_path):
 
 
 def asks_is_viewport(body):
-    tree = bpy.data.node_groups.new("asks", "GeometryNodeTree")
-    ends = []
-    for way, kind in (("INPUT", "NodeGroupInput"), ("OUTPUT", "NodeGroupOutput")):
-        tree.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
-        ends.append(tree.nodes.new(kind))
-    tree.links.new(ends[0].outputs[0], ends[1].inputs[0])
-    tree.nodes.new("GeometryNodeIsViewport")
-    body.modifiers.new("asks", "NODES").node_group = tree
+    tree, begin, _, end = geometry_nodes(body, "GeometryNodeIsViewport")
+    tree.links.new(begin.outputs[0], end.inputs[0])
     return "body", "use the node Is Viewport"
 
 
@@ -357,11 +347,7 @@ def test_nobody_stands_on_what_is_in_a_hand():
     body = new("body", tube("body", 12, 6))
     skin(body, armature)
     body.vertex_groups["upper"].name = "handslot.r"
-    mesh = bpy.data.meshes.new("crossbow")
-    corners = [(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.3)]
-    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    mesh.from_pydata(corners, [], faces)
-    weapon = new("crossbow", mesh)
+    weapon = new("crossbow", box_mesh("crossbow", (-0.5, -0.5, -0.5), (0.5, 0.5, 0.3)))
     character(body, weapon)
     scene.collection.objects.link(armature)
     weapon.parent = armature
@@ -398,21 +384,11 @@ def test_hair_that_is_simulated_stays_within_its_length_of_its_roots():
 
 def flying_off(item):
     """Nodes that move hair a meter up in each frame, as a simulation does."""
-    tree = bpy.data.node_groups.new("fly", "GeometryNodeTree")
-    for kind in ("INPUT", "OUTPUT"):
-        tree.interface.new_socket("Geometry", in_out=kind, socket_type="NodeSocketGeometry")
-    begin, end, first, last, move = (
-        tree.nodes.new(name)
-        for name in (
-            "GeometryNodeSimulationInput",
-            "GeometryNodeSimulationOutput",
-            "NodeGroupInput",
-            "NodeGroupOutput",
-            "GeometryNodeSetPosition",
-        )
+    kinds = "SimulationInput", "SetPosition", "SimulationOutput"
+    tree, first, begin, move, end, last = geometry_nodes(
+        item, *(f"GeometryNode{kind}" for kind in kinds)
     )
     begin.pair_with_output(end)
     move.inputs["Offset"].default_value = (0, 0, 1)
     for one, other in ((first, begin), (begin, move), (move, end), (end, last)):
         tree.links.new(one.outputs["Geometry"], other.inputs["Geometry"])
-    item.modifiers.new("Hair Dynamics", "NODES").node_group = tree

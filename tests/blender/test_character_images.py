@@ -15,6 +15,7 @@ from crowd_lod_extension.operators.scene.characters.stored_groups import store_g
 from crowd_lod_extension.operators.settings.stored_figures import BuildCase
 
 from ..support.characters import character, new, painted, rig, skin, tube
+from ..support.objects import filmed_from, lamp
 
 pytestmark = pytest.mark.usefixtures("rough_lods")
 SIZE = 1024
@@ -49,16 +50,8 @@ def make_crowd():
     skin(item, rig())
     character(item)
     scene.collection.children["People"].hide_render = True
-    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
-    scene.collection.objects.link(camera)
-    scene.camera = camera
-    camera.location = (0, -70, 4)
-    camera.rotation_euler = (1.52, 0, 0)
-    camera.data.clip_end = 200
-    light = bpy.data.objects.new("Sun", bpy.data.lights.new("Sun", "SUN"))
-    scene.collection.objects.link(light)
-    light.rotation_euler = (0.8, 0.2, 0)
-    light.data.energy = 3
+    filmed_from((0, -70, 4), (1.52, 0, 0), clip_end=200)
+    lamp("SUN", turn=(0.8, 0.2, 0), energy=3)
     render = scene.render
     render.resolution_x = 320
     render.resolution_y = 180

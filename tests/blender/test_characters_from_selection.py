@@ -7,7 +7,8 @@ import pytest
 from crowd_lod_extension.operators.scene.characters.characters_from_selection import read_selection
 from crowd_lod_extension.operators.scene.scene_crowd import characters_of
 
-from ..support.characters import box, new, rig, skin, tube
+from ..support.characters import new, rig, skin, tube
+from ..support.objects import box, collection, placed
 
 
 def press(*selected):
@@ -38,8 +39,7 @@ def homes():
 def stage():
     """A scene as a user has it: two rigs in a collection with a lamp and a camera, and a statue."""
     scene = bpy.context.scene
-    home = bpy.data.collections.new("Collection")
-    scene.collection.children.link(home)
+    home = collection("Collection")
     anna = rig("Anna")
     bert = rig("Bert")
     body, coat, hat, other = (
@@ -70,8 +70,7 @@ def test_rigs_that_importers_call_all_alike_are_called_as_their_meshes(capfd):
         bones = rig(owner)
         scene.collection.objects.link(bones)
         for name in names:
-            body = new(name, tube(name, 6, 4))
-            scene.collection.objects.link(body)
+            body = placed(name, tube(name, 6, 4))
             skin(body, bones)
     press(*scene.objects)
     assert sorted(groups()) == ["Hero", "Knight", "Rig", "Rig.003", "Stag", "Witch"]
@@ -98,8 +97,7 @@ def test_a_selected_rig_takes_its_meshes_along_and_a_mesh_its_rig(stage, capfd):
 
 
 def test_empties_that_importers_put_at_the_ends_of_bones_come_along(stage, capfd):
-    leaf = new("leaf", None)
-    stage.collection.objects.link(leaf)
+    leaf = placed("leaf")
     leaf.parent = stage.objects["Anna"]
     leaf.parent_type = "BONE"
     leaf.parent_bone = stage.objects["Anna"].data.bones[0].name
@@ -131,8 +129,7 @@ def test_a_selected_empty_brings_what_hangs_on_it(stage):
     stand = stage.objects["stand"]
     statue = stage.objects["statue"]
     stand.location.x = 5
-    base = new("base", tube("base", 6, 4))
-    stage.collection.objects.link(base)
+    base = placed("base", tube("base", 6, 4))
     for item in (statue, base, stage.objects["Bert"]):
         item.parent = stand
     press(stand)
@@ -167,8 +164,7 @@ def test_objects_that_lie_in_the_characters_collection_carry_by_constraints(stag
 
 
 def test_meshes_under_an_empty_that_is_not_selected_are_characters_each(stage):
-    other = new("other statue", tube("other", 6, 4))
-    stage.collection.objects.link(other)
+    other = placed("other statue", tube("other", 6, 4))
     stage.objects["statue"].parent = other.parent = stage.objects["stand"]
     press(stage.objects["statue"])
     assert groups() == {"statue": ["statue"]} and homes()["stand"] == ["Collection"]
@@ -237,8 +233,7 @@ def test_what_lies_in_a_linked_collection_is_named_and_left(stage, tmp_path, cap
         wanted.collections = ["Collection"]
     scene = bpy.context.scene
     scene.collection.children.link(bpy.data.collections["Collection"])
-    own = new("own", tube("own", 6, 4))
-    scene.collection.objects.link(own)
+    own = placed("own", tube("own", 6, 4))
     with pytest.raises(RuntimeError, match="Left in linked collections, .*: Anna"):
         press(scene.objects["Anna"])
     assert scene.crowd_lod.characters is None
@@ -280,9 +275,7 @@ def test_undo_takes_it_back(stage):
 
 def test_lamps_and_cameras_beside_the_characters_are_no_groups(stage):
     home = bpy.data.collections["Collection"]
-    lights = bpy.data.collections.new("Lights")
-    home.children.link(lights)
-    lights.objects.link(stage.objects["Lamp"])
+    collection("Lights", stage.objects["Lamp"], within=home)
     stage.objects["coat"].parent = stage.objects["Anna"]
     stage.crowd_lod.characters = home
     stage.crowd_lod.count = 20
@@ -350,10 +343,7 @@ def test_an_instance_brings_its_collection_and_a_linked_one_an_override(linked, 
         with bpy.data.libraries.load(str(tmp_path / "hero.blend"), link=True) as (_, wanted):
             wanted.collections = ["Hero"]
         (home,) = wanted.collections
-    instance = new("instance", None)
-    instance.instance_type = "COLLECTION"
-    instance.instance_collection = home
-    scene.collection.objects.link(instance)
+    instance = placed("instance", instance_type="COLLECTION", instance_collection=home)
     press(instance)
     assert groups() == {"Hero": ["hero body"]}
     ((_, (item,), _),) = characters_of(scene)

@@ -9,9 +9,9 @@ import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.operators.deliver.preview.preview import LEFT_OUT, Preview, preview
-from mathutils import Euler
 
 from ..support.characters import character, new, tube
+from ..support.objects import filmed_from
 
 
 @pytest.fixture
@@ -24,11 +24,8 @@ def far():
     settings.size = (1, 1)
     settings.center = (50, 0, 0)
     settings.level_count = 2
-    eye = new("eye", bpy.data.cameras.new("eye"))
-    eye.data.clip_end = 100
-    eye.rotation_euler = Euler((np.pi / 2, 0, 0))
-    scene.collection.objects.link(eye)
-    scene.camera, render = eye, scene.render
+    filmed_from((0, -8, 1), (np.pi / 2, 0, 0), clip_end=100)
+    render = scene.render
     render.engine = "CYCLES"
     scene.cycles.samples = 1
     scene.cycles.use_denoising = False

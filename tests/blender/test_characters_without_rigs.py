@@ -14,18 +14,18 @@ from crowd_lod_extension.operators.scene.characters.rig_needs import POSES
 from crowd_lod_extension.operators.scene.characters.stored_groups import store_groups
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 
+from ..support.objects import collection, placed
+
 
 def props(scene, *objects):
     """`scene` with a crowd of these objects, with their LODs, built.
 
     [the objects that agents show, in order].
     """
-    top = bpy.data.collections.new("Props")
-    scene.collection.children.link(top)
+    top = collection("Props")
     scene.crowd_lod.characters = top
     scene.crowd_lod.level_count = 1
-    group = bpy.data.collections.new("someone")
-    top.children.link(group)
+    group = collection("someone", within=top)
     for item in objects:
         for home in item.users_collection:
             home.objects.unlink(item)
@@ -89,8 +89,7 @@ def test_why_a_character_is_posed_is_said(scene, why):
         ball.modifiers.new("Cloth", "CLOTH")
     else:
         data = bpy.data.armatures.new("rig")
-        rig = bpy.data.objects.new("rig", data)
-        scene.collection.objects.link(rig)
+        rig = placed("rig", data)
         bpy.context.view_layer.objects.active = rig
         bpy.ops.object.mode_set(mode="EDIT")
         bone = data.edit_bones.new("bone")
@@ -112,8 +111,7 @@ def test_bones_that_shear_are_shown_as_near_as_can_be_and_it_is_said(scene):
     bone of its own cannot have.
     """
     data = bpy.data.armatures.new("rig")
-    rig = bpy.data.objects.new("rig", data)
-    scene.collection.objects.link(rig)
+    rig = placed("rig", data)
     bpy.context.view_layer.objects.active = rig
     bpy.ops.object.mode_set(mode="EDIT")
     root = data.edit_bones.new("root")

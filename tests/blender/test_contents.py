@@ -9,6 +9,7 @@ from crowd_lod_extension.operators.lods.source_mesh import object_digest, read_s
 from crowd_lod_extension.operators.scene.characters.group_measuring import measure_groups
 
 from ..support.characters import character, new, rig, skin, tube
+from ..support.objects import placed
 from ..support.rigs import keyed
 
 
@@ -117,8 +118,7 @@ def driven(body):
     an empty.
     """
     pose = body.parent.pose.bones
-    empty = new("handle", None)
-    bpy.context.scene.collection.objects.link(empty)
+    empty = placed("handle")
     body.parent["ik"] = 0.0
     for curve, block, path in (
         (pose["upper"].constraints[0].driver_add("influence"), body.parent, '["ik"]'),

@@ -125,7 +125,7 @@ def test_the_plan_knows_of_edits_and_says_when_they_change(levelled, tmp_path):
 
 def test_erasing_keeps_numbers_of_who_stands_in_the_box(levelled):
     own = trajectory_of(levelled)
-    region = cube(levelled, name="Fountain")
+    region = cube(name="Fountain")
     levelled.frame_set(6)
     bpy.context.view_layer.objects.active = region
     crowd = own.at(6)
@@ -146,7 +146,7 @@ def test_erasing_keeps_numbers_of_who_stands_in_the_box(levelled):
 def test_who_is_nudged_is_found_where_he_walks_without_edits(levelled):
     own = trajectory_of(levelled).at(1)
     add(levelled, type="NUDGE", agents=f"0-{len(own) - 1}", move=(500, 0, 0))
-    region = cube(levelled)
+    region = cube()
     add(levelled, type="HIDE", select_by="REGION", region=region)
     levelled.crowd_lod.override_index = 1
     levelled.frame_set(1)
@@ -220,7 +220,7 @@ def test_buttons_say_what_they_lack(levelled):
         bpy.context.view_layer.objects.active = levelled.camera
         with pytest.raises(RuntimeError, match=says):
             press_()
-    bpy.context.view_layer.objects.active = cube(levelled, (500, 500, 0), (501, 501, 1), "far")
+    bpy.context.view_layer.objects.active = cube((500, 500, 0), (501, 501, 1), "far")
     with pytest.raises(RuntimeError, match="selects no agents: none stand in far"):
         bpy.ops.crowd_lod.erase()
     assert not len(settings.overrides)
@@ -252,7 +252,7 @@ def test_numbers_of_several_crowds_are_those_of_all_together(levelled):
 def test_edits_follow_the_points_of_an_object_by_their_ids(levelled):
     ids = np.arange(60) * 7 + 100
     settings = levelled.crowd_lod
-    item = scatter(levelled, attributes=[("id", "INT", ids)])
+    item = scatter(attributes=[("id", "INT", ids)])
     settings.source = "POINTS"
     settings.points = item
     bpy.ops.crowd_lod.populate()

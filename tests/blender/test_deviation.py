@@ -21,33 +21,15 @@ from crowd_lod_extension.operators.lods import (
 from crowd_lod_extension.operators.lods.posed_shapes import PosedMesh
 from crowd_lod_extension.operators.scene.characters import stored_groups
 
+from ..support.bodies import ball
+from ..support.objects import mesh_of, placed
+
 GROUP = Group("one", 0, 1, 0, 1)
 
 
 def sphere(rings, segments, radius=1.0):
-    """An object whose mesh has all its vertices on the sphere: rings of `segments`, and two
-    poles.
-    """
-    mesh = bpy.data.meshes.new("sphere")
-    theta, phi = np.meshgrid(
-        np.linspace(0, np.pi, rings + 1)[1:-1],
-        np.linspace(0, 2 * np.pi, segments, endpoint=False),
-        indexing="ij",
-    )
-    points = radius * np.stack(
-        [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1
-    ).reshape(-1, 3)
-    first = np.arange((rings - 2) * segments).reshape(-1, segments)
-    second = np.roll(first, -1, axis=1)
-    quads = np.stack([first, first + segments, second + segments, second], -1).reshape(-1, 4)
-    top = len(points)
-    last = len(points) - segments
-    caps = [(top, i, (i + 1) % segments) for i in range(segments)]
-    caps += [(top + 1, last + (i + 1) % segments, last + i) for i in range(segments)]
-    mesh.from_pydata(
-        [*points.tolist(), (0, 0, radius), (0, 0, -radius)], [], [*quads.tolist(), *caps]
-    )
-    return bpy.data.objects.new("sphere", mesh)
+    points, triangles = ball(segments, rings - 1, radius)
+    return bpy.data.objects.new("sphere", mesh_of("sphere", points, triangles.tolist()))
 
 
 @pytest.mark.once
@@ -95,8 +77,7 @@ def test_a_hole_in_one_of_many_triangles_is_found_and_measured():
 
 @pytest.mark.parametrize("scale", [0.01, 1.0, 100.0])
 def test_a_plane_deviates_by_what_it_was_moved_in_world_space(scale):
-    mesh = bpy.data.meshes.new("plane")
-    mesh.from_pydata([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], [], [(0, 1, 2, 3)])
+    mesh = mesh_of("plane", [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], [(0, 1, 2, 3)])
     source, moved = (bpy.data.objects.new("plane", mesh) for _ in range(2))
     for item in (source, moved):
         item.scale = (scale,) * 3
@@ -120,8 +101,7 @@ def cylinder(name, armature, upper):
         for r in range(40)
         for i in range(16)
     ]
-    mesh = bpy.data.meshes.new(name)
-    mesh.from_pydata(points, [], faces)
+    mesh = mesh_of(name, points, faces)
     item = bpy.data.objects.new(name, mesh)
     z = np.array(points)[:, 2]
     for bone, chosen in (("lower", z <= upper), ("upper", z > upper)):
@@ -136,8 +116,7 @@ def bending_armature():
     At rest at frame 1, bent by 90 degrees at frame 21, at rest at 41.
     """
     data = bpy.data.armatures.new("rig")
-    rig = bpy.data.objects.new("rig", data)
-    bpy.context.scene.collection.objects.link(rig)
+    rig = placed("rig", data)
     bpy.context.view_layer.objects.active = rig
     bpy.ops.object.mode_set(mode="EDIT")
     lower = data.edit_bones.new("lower")
@@ -215,10 +194,10 @@ def test_a_lod_is_looked_at_between_the_frames_of_the_poses_too(flies):
     for frame, patch.value in ((1, 0.0), (5, 0.0), (5.5, 1.0), (6, 0.0), (9, 0.0)):
         patch.keyframe_insert("value", frame=frame)
     balls = [sphere(16, 32, radius=radius) for radius in (0.3, 0.297)]
-    for ball in balls:
-        ball.location.x = 1
-        for frame, ball.location.y in ((1, 0), (7, 0), (8, 5), (9, 0)):
-            ball.keyframe_insert("location", frame=frame)
+    for each in balls:
+        each.location.x = 1
+        for frame, each.location.y in ((1, 0), (7, 0), (8, 5), (9, 0)):
+            each.keyframe_insert("location", frame=frame)
     both = [character, balls[0]], [lod, balls[1]]
     objects, level = both if flies else ([character], [lod])
     found = finished(deviation.measure(GROUP, objects, [level]))

@@ -8,14 +8,11 @@ from pathlib import Path
 
 import bpy
 import pytest
-from crowd_lod_extension.operators.cli import commands
+
+from ..support.commands import run
 
 pytestmark = pytest.mark.once
 OPENJD = Path(sys.executable).with_name("openjd")
-
-
-def run(*words):
-    return commands.run_command([*map(str, words)], "crowd-lod")
 
 
 def parts_of(folder, scene):

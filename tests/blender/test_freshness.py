@@ -6,7 +6,6 @@ from pathlib import Path
 import bpy
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.deliver.update_all import due_steps, update_all
 from crowd_lod_extension.operators.freshness.artifacts import (
     CROWD,
@@ -21,11 +20,13 @@ from crowd_lod_extension.operators.settings.messages import label_of
 from crowd_lod_extension.operators.ui import steps
 
 from ..support.characters import character, new, rig, skin, tube
+from ..support.commands import run
 from ..support.freshness import (
     changed_since_build,
     changed_since_make,
     changed_since_populate,
 )
+from ..support.objects import collection
 
 pytestmark = pytest.mark.usefixtures("at_once", "rough_lods")
 
@@ -74,9 +75,7 @@ def widen(scene):
 
 def add(scene):
     other = new("other", tube("other", 16, 12))
-    home = bpy.data.collections.new("other")
-    scene.crowd_lod.characters.children.link(home)
-    home.objects.link(other)
+    collection("other", other, within=scene.crowd_lod.characters)
 
 
 def ask_for_less(scene):
@@ -168,7 +167,7 @@ def test_what_the_command_builds_says_what_has_changed(shot, tmp_path):
         bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
         out = tmp_path / f"out{len(more)}.blend"
         words = ["build", str(tmp_path / "shot.blend"), "--out", str(out), "--quiet", *more]
-        assert commands.run_command(words, "crowd-lod") == 0
+        assert run(*words) == 0
         bpy.ops.wm.open_mainfile(filepath=str(out))
         built = bpy.context.scene
         assert changed_since_build(built) == []

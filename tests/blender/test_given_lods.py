@@ -6,7 +6,8 @@ from crowd_lod_extension.operators.lods.level_objects import copy_given
 from crowd_lod_extension.operators.scene.characters.characters import all_characters
 from crowd_lod_extension.operators.scene.characters.given_lods import GivenLod, label_of
 
-from ..support.characters import new, rig, skin, tube
+from ..support.characters import rig, skin, tube
+from ..support.objects import filmed_from, placed
 
 pytestmark = pytest.mark.usefixtures("rough_lods")
 SIZES = ((24, 24), (16, 20), (10, 14))  # vertices around and along of LOD 0, 1 and 2
@@ -34,8 +35,7 @@ def test_names_say_which_lod_it_is(name, stem, number):
 
 def person(scene, name, number=0, armature=None):
     """LOD `number` of a tube, on a rig if there is one."""
-    item = new(name, tube(name, *SIZES[number]))
-    scene.collection.objects.link(item)
+    item = placed(name, tube(name, *SIZES[number]))
     if armature is not None:
         if armature.name not in scene.objects:
             scene.collection.objects.link(armature)
@@ -60,11 +60,7 @@ def take_people(scene, count):
 
 def seen_from(scene, meters):
     """A camera that sees agents from so many meters on; LODs are chosen by tolerance."""
-    camera = new("Camera", bpy.data.cameras.new("Camera"))
-    scene.collection.objects.link(camera)
-    scene.camera = camera
-    camera.rotation_euler = (1.5708, 0, 0)
-    camera.location = (0, 0, 1)
+    filmed_from((0, 0, 1), (1.5708, 0, 0))
     settings = scene.crowd_lod
     settings.count = 40
     settings.center = (0, 4 * meters, 0)
@@ -144,8 +140,7 @@ def test_a_lod_is_moved_onto_the_character_in_world_space(below):
     item = person(scene, "Car_LOD1", 1)
     item.location = (4, 5, 6)
     if below:
-        holder = new("holder", None)
-        scene.collection.objects.link(holder)
+        holder = placed("holder")
         holder.rotation_euler = (0.3, 0.2, 1)
         holder.scale = (2, 2, 2)
         item.parent = holder

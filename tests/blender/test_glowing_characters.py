@@ -11,17 +11,18 @@ from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender.materials import emits
 from crowd_lod_extension.operators.build.render_setup import build
 from crowd_lod_extension.operators.build.visibility import notes_on_characters
-from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.lods.make_lods import make_levels
 from crowd_lod_extension.operators.scene.characters.characters import glowing, notes_on_glow
 from crowd_lod_extension.operators.scene.characters.group_measuring import measure_groups
 from crowd_lod_extension.operators.scene.characters.stored_groups import store_groups
 from crowd_lod_extension.operators.scene.populate import populate_scene
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
-from crowd_lod_extension.sample_scenes.scenery import add, material, tile
+from crowd_lod_extension.sample_scenes.scenery import material
 
 from ..support.characters import character, new, tube
+from ..support.commands import quietly
 from ..support.messages import sentences
+from ..support.objects import filmed_from, ground
 
 
 def empty(name):
@@ -135,13 +136,8 @@ def glow_scene(made):
     body.materials.append(made)
     character(new("Body", body))
     scene.crowd_lod.characters.hide_render = True
-    add(scene.collection, "Ground", [(tile(-30, -30, 30, 30), material("Ground", (0.5, 0.5, 0.5)))])
-    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
-    scene.collection.objects.link(camera)
-    scene.camera = camera
-    camera.location = (0, 0, 4)
-    camera.data.lens = 50
-    camera.data.clip_end = 60
+    ground(-30, -30, 30, 30)
+    filmed_from((0, 0, 4), lens=50, clip_end=60)
     scene.render.engine = "CYCLES"
     scene.render.resolution_x = 24
     scene.render.resolution_y = 24
@@ -217,8 +213,7 @@ def test_verify_proves_that_the_light_stays(tmp_path):
         scene.crowd_lod.shadows = shadows
         bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "glow.blend"))
         out = tmp_path / str(shadows)
-        run = ["verify", tmp_path / "glow.blend", "--frames", "1", "--out", out, "--quiet"]
-        commands.run_command([*map(str, run)], "crowd-lod")
+        quietly("verify", tmp_path / "glow.blend", "--frames", "1", "--out", out)
         rows += json.loads((out / "verify.json").read_text())["frames"]
         scene = bpy.context.scene
     assert rows[0]["culling_pixels"] == 0 and rows[1]["culling_pixels"] > 50

@@ -10,6 +10,8 @@ from crowd_lod_extension.operators.deliver.proof import id_pictures
 from crowd_lod_extension.operators.deliver.proof.id_pictures import render_ids
 
 from ..support.characters import new
+from ..support.nodes import geometry_nodes
+from ..support.objects import filmed_from, lamp, mesh_of, placed
 
 IDS = 0, 70_001, 4_000_001  # of agents at x = -2, 0, 2 m
 WIDE = 60  # pixels of 0.1 m
@@ -25,45 +27,25 @@ def row():
     scene.render.resolution_x, scene.render.resolution_y = WIDE, 30
     scene.render.resolution_percentage = 100
     scene.render.use_motion_blur = True
-    square = bpy.data.meshes.new("square")
     corners = [(-0.4, -0.4, 0), (0.4, -0.4, 0), (0.4, 0.4, 0), (-0.4, 0.4, 0)]
-    square.from_pydata(corners, [], [(0, 1, 2, 3)])
+    square = mesh_of("square", corners, [(0, 1, 2, 3)])
     uv = square.uv_layers.new(name="uv")
     uv.data.foreach_set("uv", [0, 0, 1, 0, 1, 1, 0, 1])
-    points = bpy.data.meshes.new("points")
-    points.from_pydata([(x, 0, 0) for x in (-2, 0, 2)], [], [])
+    points = mesh_of("points", [(x, 0, 0) for x in (-2, 0, 2)])
     points.attributes.new("id", "INT", "POINT").data.foreach_set("value", IDS)
     points.attributes.new("looks", "FLOAT", "POINT")
-    crowd = new("crowd", points)
-    crowd.modifiers.new("nodes", "NODES").node_group = _instances_of(new("square", square))
-    stranger = new("stranger", square)
-    stranger.location.y = 1
-    lamp = new("lamp", bpy.data.lights.new("lamp", "AREA"))
-    lamp.location = (2, -1, 1)
-    lamp.rotation_euler.x = np.pi  # its light side up
-    lamp.data.size = 0.5
-    camera = new("camera", bpy.data.cameras.new("camera"))
-    camera.location.z = 5
-    camera.data.type = "ORTHO"
-    camera.data.ortho_scale = 0.1 * WIDE
-    camera.data.dof.use_dof = True
-    for item in (crowd, stranger, lamp, camera):
-        scene.collection.objects.link(item)
-    scene.camera = camera
-    return scene
-
-
-def _instances_of(item):
-    tree = bpy.data.node_groups.new("instances", "GeometryNodeTree")
-    for way in ("INPUT", "OUTPUT"):
-        tree.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
-    kinds = "NodeGroupInput", "GeometryNodeObjectInfo", "GeometryNodeInstanceOnPoints"
-    given, info, instances, end = map(tree.nodes.new, (*kinds, "NodeGroupOutput"))
-    info.inputs["Object"].default_value = item
+    tree, given, info, instances, end = geometry_nodes(
+        placed("crowd", points), "GeometryNodeObjectInfo", "GeometryNodeInstanceOnPoints"
+    )
+    info.inputs["Object"].default_value = new("square", square)
     tree.links.new(given.outputs[0], instances.inputs["Points"])
     tree.links.new(info.outputs["Geometry"], instances.inputs["Instance"])
     tree.links.new(instances.outputs[0], end.inputs[0])
-    return tree
+    placed("stranger", square, location=(0, 1, 0))
+    lamp("AREA", (2, -1, 1), (np.pi, 0, 0), size=0.5)  # its light side up
+    camera = filmed_from((0, 0, 5), type="ORTHO", ortho_scale=0.1 * WIDE)
+    camera.data.dof.use_dof = True
+    return scene
 
 
 def dressed(kind=None):

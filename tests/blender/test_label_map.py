@@ -12,6 +12,8 @@ from crowd_lod_extension.operators.scene.machine.map_painting import plane_of
 from crowd_lod_extension.operators.scene.machine.scene_world import machine_of, world_of
 from crowd_lod_extension.operators.scene.sources.crowd_sources import combine_crowds, inputs_of
 
+from ..support.objects import collection
+
 
 @pytest.fixture
 def ground():
@@ -165,8 +167,7 @@ def test_selected_meshes_lay_their_label_over_the_painted_map_and_follow(ground)
 
 def test_collections_curves_and_modifiers_count_and_the_lower_area_lies_above(ground):
     settings = ground.crowd_lod
-    shops = bpy.data.collections.new("Shops")
-    ground.collection.children.link(shops)
+    shops = collection("Shops")
     for x in (0, 20):
         shops.objects.link(block(x, -5))
     array = shops.objects[0].modifiers.new("Array", "ARRAY")
@@ -175,7 +176,7 @@ def test_collections_curves_and_modifiers_count_and_the_lower_area_lies_above(gr
     bpy.ops.curve.primitive_bezier_circle_add(radius=2, location=(20, -5, 1))
     bpy.context.object.data.dimensions = "2D"
     bpy.context.object.data.fill_mode = "BOTH"
-    for name, label, item, collection in (
+    for name, label, item, home in (
         ("shops", "stall", None, shops),
         ("ring", "crossing", bpy.context.object, None),
     ):
@@ -183,7 +184,7 @@ def test_collections_curves_and_modifiers_count_and_the_lower_area_lies_above(gr
         entry.name = name
         entry.label = label
         entry.object = item
-        entry.collection = collection
+        entry.collection = home
     assert make(ground) > 0
     assert (
         place(ground, 0, -5) == "stall"

@@ -12,6 +12,7 @@ from crowd_lod_extension.operators.lods.make_lods import make_levels
 from crowd_lod_extension.operators.scene.scene_crowd import characters_of, read_crowd
 
 from ..support.characters import character, new, rig, skin, tube
+from ..support.objects import collection, filmed_from
 
 pytestmark = pytest.mark.usefixtures("rough_lods")
 
@@ -120,8 +121,7 @@ def test_two_groups_of_one_name_are_named(scene):
 def test_lods_of_another_group_are_never_taken_for_a_group_s_own(scene, change):
     for name in ("a", "b"):
         character(new(name, tube(name, 8, 8, height=1 + (name == "b"))), name=name)
-    scene.camera = new("camera", bpy.data.cameras.new("camera"))
-    scene.collection.objects.link(scene.camera)
+    filmed_from((0, 0, 0))
     run(scene)
     bpy.ops.crowd_lod.populate()
     before = [(group.name, tuple(group.deviations)) for group in scene.crowd_lod.groups]
@@ -153,18 +153,17 @@ def test_collections_that_the_user_put_among_the_lods_stay(scene):
     character(new("body", tube("body", 5, 5)))
     run(scene)
     own = bpy.data.collections.new("own")
-    linked = bpy.data.collections.new("linked")
-    scene.collection.children.link(linked)
-    for collection in (own, linked):
-        scene.crowd_lod.levels.children[1].children.link(collection)
-        collection.objects.link(new(f"in {collection.name}", None))
+    linked = collection("linked")
+    for home in (own, linked):
+        scene.crowd_lod.levels.children[1].children.link(home)
+        home.objects.link(new(f"in {home.name}", None))
     for ratio in (0.4, 0.5):
         scene.crowd_lod.ratios[1] = ratio
         run(scene)
-        for collection in (own, linked):
-            assert collection.name in scene.collection.children and list(
-                collection.objects.keys()
-            ) == [f"in {collection.name}"]
+        for home in (own, linked):
+            assert home.name in scene.collection.children and list(home.objects.keys()) == [
+                f"in {home.name}"
+            ]
     assert not scene.collection.objects and len(scene.crowd_lod.levels.all_objects) == 2
 
 

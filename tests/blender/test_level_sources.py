@@ -9,6 +9,7 @@ from crowd_lod_extension.operators.lods import candidates
 from crowd_lod_extension.operators.lods.make_lods import make_levels
 
 from ..support.characters import character, new, rig, skin, tube
+from ..support.objects import collection, mesh_of
 
 pytestmark = pytest.mark.usefixtures("rough_lods")
 
@@ -120,9 +121,7 @@ def test_what_is_hidden_in_renders_and_the_shapes_of_bones_are_left_out():
     body.hide_viewport = True  # is working comfort; its modifier counts all the same
     body.modifiers.new("Subdivision", "SUBSURF").levels = 1
     group = character(armature, body, cage, widget)
-    extras = bpy.data.collections.new("extras")
-    group.children.link(extras)
-    extras.objects.link(new("extra", tube("extra")))
+    extras = collection("extras", new("extra", tube("extra")), within=group)
     extras.hide_render = True
     lods = make_lods()
     assert set(lods) == {"body LOD 1"}
@@ -140,8 +139,7 @@ def test_nested_collections_shared_meshes_and_props_on_bones_follow_the_bone():
         for name in ("left", "right")
     )
     group = character(armature, body)
-    props = bpy.data.collections.new("props")
-    group.children.link(props)
+    props = collection("props", within=group)
     for side, prop in ((-1, left), (1, right)):
         props.objects.link(prop)
         prop.parent = armature
@@ -206,8 +204,7 @@ def test_characters_linked_from_another_file(tmp_path, override):
         wanted.collections = ["linked"]
     scene = bpy.context.scene
     group = wanted.collections[0]
-    top = bpy.data.collections.new("People")
-    scene.collection.children.link(top)
+    top = collection("People")
     top.children.link(group)
     if override:
         group = group.override_hierarchy_create(scene, bpy.context.view_layer)
@@ -237,8 +234,7 @@ def test_a_missing_library_is_named(tmp_path):
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     with bpy.data.libraries.load(str(path), link=True) as (_, wanted):
         wanted.collections = ["linked"]
-    top = bpy.data.collections.new("People")
-    bpy.context.scene.collection.children.link(top)
+    top = collection("People")
     top.children.link(wanted.collections[0])
     bpy.context.scene.crowd_lod.characters = top
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
@@ -252,8 +248,7 @@ def test_a_missing_library_is_named(tmp_path):
 
 
 def test_one_triangle_and_two_hundred_loose_parts():
-    one = bpy.data.meshes.new("one")
-    one.from_pydata([(0, 0, 0), (1, 0, 0), (0, 0, 1)], [], [(0, 1, 2)])
+    one = mesh_of("one", [(0, 0, 0), (1, 0, 0), (0, 0, 1)], [(0, 1, 2)])
     points = []
     faces = []
     for i in range(200):
@@ -265,8 +260,7 @@ def test_one_triangle_and_two_hundred_loose_parts():
         faces += [
             tuple(4 * i + j for j in face) for face in ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
         ]
-    parts = bpy.data.meshes.new("parts")
-    parts.from_pydata(points, [], faces)
+    parts = mesh_of("parts", points, faces)
     character(new("one", one), new("parts", parts))
     lods = make_lods()
     assert mesh_data.count_triangles(lods["one LOD 1"].data) == 1
@@ -284,8 +278,7 @@ def test_of_less_than_a_face_one_is_left(monkeypatch):
         y = 0.1 * np.sin(2 * i)
         points += [(x, y, 1.8), (x + 0.03, y, 1.8), (x + 0.03, y, 1.6), (x, y, 1.6)]
         faces.append(tuple(range(4 * i, 4 * i + 4)))
-    cards = bpy.data.meshes.new("cards")
-    cards.from_pydata(points, [], faces)
+    cards = mesh_of("cards", points, faces)
     character(new("cards", cards), new("body", tube("body")))
     settings = bpy.context.scene.crowd_lod
     settings.ratios[1] = 0.005
@@ -299,8 +292,7 @@ def test_a_stray_face_without_area_costs_no_lod_its_likeness():
     faces = [tuple(p.vertices) for p in body.polygons]
     at = len(points)
     points += [(5, 0, 2), (6, 0, 2), (7, 0, 2), (8, 8, 8), (8, 8, 8), (8, 8, 8)]
-    stray = bpy.data.meshes.new("stray")
-    stray.from_pydata(points, [], [*faces, (at, at + 1, at + 2), (at + 3, at + 4, at + 5)])
+    stray = mesh_of("stray", points, [*faces, (at, at + 1, at + 2), (at + 3, at + 4, at + 5)])
     character(new("stray", stray))
     lod = make_lods()["stray LOD 1"]
     assert np.abs(mesh_data.read_mesh(lod.data).points[:, :2]).max() < 0.25

@@ -13,6 +13,7 @@ from crowd_lod_extension.operators.lods.source_mesh import read_source
 from mathutils import Matrix, Vector
 
 from ..support.characters import character, new, rig, skin, tube
+from ..support.objects import mesh_of
 
 
 def lod(k, item):
@@ -126,8 +127,7 @@ def test_a_sleeve_takes_nothing_from_the_arm_in_it():
         for mesh, shift in ((arm, 0), (sleeve, count))
         for p in mesh.polygons
     ]
-    both = bpy.data.meshes.new("both")
-    both.from_pydata(points, [], faces)
+    both = mesh_of("both", points, faces)
     both.materials.append(bpy.data.materials.new("skin"))
     both.materials.append(bpy.data.materials.new("cloth"))
     both.polygons.foreach_set(

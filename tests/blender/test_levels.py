@@ -9,6 +9,8 @@ from crowd_lod_extension.operators.scene.characters import stored_groups
 from mathutils import Matrix
 from mathutils.bvhtree import BVHTree
 
+from ..support.objects import collection
+
 pytestmark = pytest.mark.usefixtures("rough_lods")
 
 
@@ -150,10 +152,8 @@ def test_making_levels_measures_them_and_the_user_s_edits_are_measured_again(lev
 
 
 def test_a_character_of_objects_with_modifiers_ngons_and_loose_vertices(scene):
-    top = bpy.data.collections.new("Robots")
-    scene.collection.children.link(top)
-    robot = bpy.data.collections.new("robot")
-    top.children.link(robot)
+    top = collection("Robots")
+    robot = collection("robot", within=top)
     body = bpy.data.meshes.new("body")
     ring = [
         (np.cos(a), np.sin(a), z)

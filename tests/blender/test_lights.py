@@ -13,8 +13,8 @@ from crowd_lod_extension.operators.scene.characters.stored_groups import store_g
 from crowd_lod_extension.operators.scene.lights import read_surroundings
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 from crowd_lod_extension.sample_scenes.scenery import add, box, material, tile
-from mathutils import Matrix
 
+from ..support.objects import collection, ground, lamp, placed
 from ..support.scene_frames import frame_now
 
 
@@ -22,23 +22,8 @@ from ..support.scene_frames import frame_now
 def lit(levelled):
     """The small crowd on a ground, in Cycles."""
     levelled.render.engine = "CYCLES"
-    add(
-        levelled.collection,
-        "Ground",
-        [(tile(-30, -40, 30, 50), material("Ground", (0.5, 0.5, 0.5)))],
-    )
+    ground(-30, -40, 30, 50)
     return levelled
-
-
-def lamp(scene, kind, location=(0, 0, 5), turn=(0, 0, 0), **values):
-    data = bpy.data.lights.new(kind, kind)
-    for name, value in values.items():
-        setattr(data, name, value)
-    item = bpy.data.objects.new(kind, data)
-    item.location = location
-    item.rotation_euler = turn
-    scene.collection.objects.link(item)
-    return item
 
 
 def read(scene, time=None):
@@ -49,10 +34,10 @@ def read(scene, time=None):
 
 
 def test_lights_are_read_with_their_size_cone_and_range(lit):
-    lamp(lit, "SUN", turn=(0, pi / 2, 0), angle=0.1)
-    lamp(lit, "POINT", (1, 2, 3), shadow_soft_size=0.25).scale = (4, 1, 1)
-    spot = lamp(lit, "SPOT", (0, 0, 9), spot_size=pi / 2, shadow_soft_size=0.5)
-    lamp(lit, "AREA", (5, 0, 4), (pi, 0, 0), shape="RECTANGLE", size=3, size_y=4)
+    lamp("SUN", turn=(0, pi / 2, 0), angle=0.1)
+    lamp("POINT", (1, 2, 3), shadow_soft_size=0.25).scale = (4, 1, 1)
+    spot = lamp("SPOT", (0, 0, 9), spot_size=pi / 2, shadow_soft_size=0.5)
+    lamp("AREA", (5, 0, 4), (pi, 0, 0), shape="RECTANGLE", size=3, size_y=4)
     spot.data.use_custom_distance = True
     spot.data.cutoff_distance = 12
     sun, point, cone, area = read(lit).lights
@@ -71,14 +56,13 @@ def test_lights_are_read_with_their_size_cone_and_range(lit):
 
 
 def test_what_casts_no_shadow_is_no_light(lit):
-    dark = lamp(lit, "SUN", energy=0)
-    unshadowed = lamp(lit, "POINT", use_shadow=False)
-    hidden = lamp(lit, "AREA")
+    dark = lamp("SUN", energy=0)
+    unshadowed = lamp("POINT", use_shadow=False)
+    hidden = lamp("AREA")
     hidden.hide_render = True
-    black = lamp(lit, "SPOT", color=(0, 0, 0))
-    home = bpy.data.collections.new("Home")
-    lit.collection.children.link(home)
-    inside = lamp(lit, "POINT")
+    black = lamp("SPOT", color=(0, 0, 0))
+    home = collection("Home")
+    inside = lamp("POINT")
     lit.collection.objects.unlink(inside)
     home.objects.link(inside)
     home.hide_render = True
@@ -107,22 +91,20 @@ def test_objects_that_glow_and_lamps_in_instanced_collections_are_lights(lit):
     (cube,) = read(lit).lights
     assert (*cube.origin, cube.size) == pytest.approx((5, 5, 1, 3**0.5))
     home = bpy.data.collections.new("Lamps")
-    inside = lamp(lit, "POINT", (1, 0, 0))
+    inside = lamp("POINT", (1, 0, 0))
     lit.collection.objects.unlink(inside)
     home.objects.link(inside)
     home.instance_offset = (0, 0, -2)
     for x in (10, 20):
-        instancer = bpy.data.objects.new("Instancer", None)
+        instancer = placed("Instancer", location=(x, 0, 0), rotation_euler=(0, 0, pi / 2))
         instancer.instance_type = "COLLECTION"
         instancer.instance_collection = home
-        instancer.matrix_world = Matrix.Translation((x, 0, 0)) @ Matrix.Rotation(pi / 2, 4, "Z")
-        lit.collection.objects.link(instancer)
     places = sorted(tuple(light.origin.round(5)) for light in read(lit).lights if light.size < 1)
     np.testing.assert_allclose(places, [(10, 1, 2), (20, 1, 2)], atol=1e-5)
 
 
 def test_what_is_not_looked_at_is_named_with_its_reason(lit):
-    lamp(lit, "SUN")
+    lamp("SUN")
     assert read(lit).left_out == (leave_outs.NO_MIRRORS, leave_outs.NO_SKY)
     lit.crowd_lod.shadows = False
     assert (read(lit).left_out, read(lit).lights) == ((leave_outs.NOT_WANTED,), ())
@@ -133,7 +115,7 @@ def test_what_is_not_looked_at_is_named_with_its_reason(lit):
 
 def test_the_box_of_what_shadows_fall_on_leaves_out_lights_hidden_things_and_the_build(lit):
     store_groups(lit.crowd_lod, measure_groups(lit))
-    lamp(lit, "POINT", (0, 0, 90))
+    lamp("POINT", (0, 0, 90))
     np.testing.assert_allclose(read(lit).box, [(-30, -40, 0), (30, 50, 0)], atol=1e-5)
     tower = add(lit.collection, "Tower", [(box(-1, -1, 1, 1, 0, 12), material("Stone", (1, 1, 1)))])
     tower.location.x = 40
@@ -147,8 +129,7 @@ def test_the_box_of_what_shadows_fall_on_leaves_out_lights_hidden_things_and_the
 
 
 def test_mirrors_are_the_flat_sides_of_the_marked_objects(lit):
-    home = bpy.data.collections.new("Mirrors")
-    lit.collection.children.link(home)
+    home = collection("Mirrors")
     two = (
         [(0, 0, 0), (2, 0, 0), (2, 0, 3), (0, 0, 3), (5, 0, 0), (5, 0, 3)],
         [(0, 1, 2, 3), (1, 4, 5, 2)],
@@ -175,8 +156,8 @@ def test_mirrors_are_the_flat_sides_of_the_marked_objects(lit):
 
 
 def test_with_an_open_shutter_a_light_holds_itself_at_all_its_times(lit):
-    sun = lamp(lit, "SUN", angle=0.02)
-    point = lamp(lit, "POINT", (0, 0, 5), shadow_soft_size=0.5)
+    sun = lamp("SUN", angle=0.02)
+    point = lamp("POINT", (0, 0, 5), shadow_soft_size=0.5)
     for frame, turn, x in ((1, 0.0, 0.0), (11, 1.0, 20.0)):
         sun.rotation_euler.y = turn
         point.location.x = x
@@ -220,7 +201,7 @@ def unseen(scene):
 def test_the_build_holds_them_apart_at_the_coarsest_lod_as_a_pure_function_of_the_frame(
     lit, blur, rendered
 ):
-    sun = lamp(lit, "SUN", angle=0.05)
+    sun = lamp("SUN", angle=0.05)
     for frame, turn in ((1, (0, 1.2, 0)), (40, (0, 1.2, 1.5))):
         sun.rotation_euler = turn
         sun.keyframe_insert("rotation_euler", frame=frame)
@@ -249,7 +230,7 @@ def test_the_build_holds_them_apart_at_the_coarsest_lod_as_a_pure_function_of_th
 @pytest.mark.parametrize("blur", [False, True])
 def test_a_bake_keeps_for_their_shadows_whom_each_frame_keeps(lit, blur, rendered):
     """A sun that moves, and a wall that the shadows' way ends at."""
-    sun = lamp(lit, "SUN", angle=0.05)
+    sun = lamp("SUN", angle=0.05)
     wall = add(lit.collection, "Wall", [(tile(-30, 0, 30, 3), material("Wall", (0.5, 0.5, 0.5)))])
     for frame, turn, y in ((1, (0, 1.2, 0), 50), (40, (0, 1.2, 1.5), 10)):
         sun.rotation_euler = turn

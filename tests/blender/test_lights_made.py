@@ -10,9 +10,11 @@ from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import scenery
 from crowd_lod_extension.operators.deliver.proof.verify import Verify, verify
 from crowd_lod_extension.operators.scene.lights import MOST_INSTANCES
-from crowd_lod_extension.sample_scenes.scenery import add, box, material
+from crowd_lod_extension.sample_scenes.scenery import material
 
-from .test_lights import lamp, lit, read  # noqa: F401
+from ..support.nodes import geometry_nodes
+from ..support.objects import box, lamp, placed
+from .test_lights import lit, read  # noqa: F401
 
 PLACES = [(9.0, -12.0, 3.0), (13.0, -12.0, 3.0)]
 
@@ -29,27 +31,11 @@ def instancer(scene, kind="NONE"):
         )
     else:
         mesh.from_pydata(PLACES, [], [])
-    item = bpy.data.objects.new("places", mesh)
-    item.instance_type = kind
-    scene.collection.objects.link(item)
-    return item
-
-
-def tree(item, *kinds):
-    """The nodes of these kinds, between the input and the output of a new node group of the item's
-    new modifier.
-    """
-    group = bpy.data.node_groups.new("made", "GeometryNodeTree")
-    for way in ("INPUT", "OUTPUT"):
-        group.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
-    item.modifiers.new("made", "NODES").node_group = group
-    return group.links.new, *(
-        group.nodes.new(kind) for kind in ("NodeGroupInput", *kinds, "NodeGroupOutput")
-    )
+    return placed("places", mesh, instance_type=kind)
 
 
 def by_vertices(scene, kind="VERTS"):
-    point = lamp(scene, "POINT", (0, 0, 0), energy=3000)
+    point = lamp("POINT", (0, 0, 0), energy=3000)
     point.parent = instancer(scene, kind)
 
 
@@ -58,10 +44,11 @@ def by_faces(scene):
 
 
 def by_nodes(scene):
-    point = lamp(scene, "POINT", (0, 0, -90), energy=3000)
-    link, given, on_points, info, out = tree(
+    point = lamp("POINT", (0, 0, -90), energy=3000)
+    tree, given, on_points, info, out = geometry_nodes(
         instancer(scene), "GeometryNodeInstanceOnPoints", "GeometryNodeObjectInfo"
     )
+    link = tree.links.new
     info.inputs["Object"].default_value = point
     info.inputs["As Instance"].default_value = True
     link(given.outputs[0], on_points.inputs["Points"])
@@ -77,25 +64,18 @@ def glow():
 
 def by_material(scene):
     for x, y, z in PLACES:
-        cube = add(
-            scene.collection,
-            "Cube",
-            [
-                (
-                    box(x - 0.2, y - 0.2, x + 0.2, y + 0.2, z - 0.2, z + 0.2),
-                    material("Dull", (1, 1, 1)),
-                )
-            ],
-        )
-        link, given, dye, out = tree(cube, "GeometryNodeSetMaterial")
+        low = np.array([x, y, z]) - 0.2
+        cube = box("Cube", low, low + 0.4)
+        tree, given, dye, out = geometry_nodes(cube, "GeometryNodeSetMaterial")
         dye.inputs["Material"].default_value = glow()
-        link(given.outputs[0], dye.inputs[0])
-        link(dye.outputs[0], out.inputs[0])
+        tree.links.new(given.outputs[0], dye.inputs[0])
+        tree.links.new(dye.outputs[0], out.inputs[0])
 
 
 def by_instances_of_a_mesh(scene):
     kinds = "GeometryNodeInstanceOnPoints", "GeometryNodeMeshIcoSphere", "GeometryNodeSetMaterial"
-    link, given, on_points, ball, dye, out = tree(instancer(scene), *kinds)
+    tree, given, on_points, ball, dye, out = geometry_nodes(instancer(scene), *kinds)
+    link = tree.links.new
     ball.inputs["Radius"].default_value = 0.2
     dye.inputs["Material"].default_value = glow()
     link(ball.outputs[0], dye.inputs[0])
@@ -110,10 +90,7 @@ def in_an_instanced_collection(scene):
     home = bpy.data.collections.new("home")
     scene.collection.objects.unlink(places)
     home.objects.link(places)
-    empty = bpy.data.objects.new("empty", None)
-    empty.instance_type = "COLLECTION"
-    empty.instance_collection = home
-    scene.collection.objects.link(empty)
+    placed("empty", instance_type="COLLECTION", instance_collection=home)
 
 
 WAYS = [

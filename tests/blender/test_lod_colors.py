@@ -12,6 +12,7 @@ from crowd_lod_extension.operators.scene.characters.group_measuring import measu
 from crowd_lod_extension.operators.scene.characters.stored_groups import groups_of, store_groups
 
 from ..support.characters import character, new, painted, tube
+from ..support.objects import filmed_from
 from ..support.scene_frames import frame_now
 
 STRIPES = 0.5 + 0.3 * np.sign(np.sin(np.arange(64) / 64 * 8 * np.pi + 1e-6))  # four, along
@@ -50,12 +51,7 @@ def with_lods(paint):
     item = new("body", tube("body"))
     paint(item)
     character(item)
-    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
-    scene.collection.objects.link(camera)
-    scene.camera = camera
-    camera.location = (0, -40, 2)
-    camera.rotation_euler = (1.5, 0, 0)
-    camera.data.clip_end = 100
+    filmed_from((0, -40, 2), (1.5, 0, 0), clip_end=100)
     settings = scene.crowd_lod
     settings.count = 60
     settings.size = (40, 60)

@@ -10,6 +10,8 @@ from crowd_lod_extension.operators.lods.measurements import Measurements
 from crowd_lod_extension.operators.lods.search import LodCurve, Search, Try
 from crowd_lod_extension.operators.lods.source_mesh import read_source
 
+from ..support.objects import mesh_of, placed
+
 pytestmark = pytest.mark.once  # long, and the same on every Blender
 
 
@@ -78,11 +80,7 @@ def test_a_guess_of_too_many_triangles_ends_no_search(body):
 
 def folded(name, faces):
     """Return a square of 1 m with two opposite corners raised, cut along one of its diagonals."""
-    mesh = bpy.data.meshes.new(name)
-    mesh.from_pydata([(0, 0, 0), (1, 0, 0.2), (1, 1, 0), (0, 1, 0.2)], [], faces)
-    item = bpy.data.objects.new(name, mesh)
-    bpy.context.scene.collection.objects.link(item)
-    return item
+    return placed(name, mesh_of(name, [(0, 0, 0), (1, 0, 0.2), (1, 1, 0), (0, 1, 0.2)], faces))
 
 
 def test_an_estimate_sees_an_edge_across_a_crease():
@@ -106,13 +104,10 @@ def test_an_estimate_sees_where_a_lod_has_lost_a_rod():
     rod = bpy.context.object
     bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=4, radius=0.106)
     large = bpy.context.object
-    strip = bpy.data.meshes.new("strip")
     corners = [
         (1 + x, 0, z) for x, z in ((-0.005, -0.5), (0.005, -0.5), (0.005, 0.5), (-0.005, 0.5))
     ]
-    strip.from_pydata(corners, [], [(0, 1, 2, 3), (3, 2, 1, 0)])
-    flat = bpy.data.objects.new("flat", strip)
-    bpy.context.scene.collection.objects.link(flat)
+    flat = placed("flat", mesh_of("strip", corners, [(0, 1, 2, 3), (3, 2, 1, 0)]))
     measure = Measure("", [ball, rod])
     deviation, *_ = finished(measure.level([large, flat], 1))
     assert deviation > 0.05

@@ -10,15 +10,12 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import find_visible
 from crowd_lod_extension.operators.blender.cameras import read_cameras
-from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 
 from ..support.characters import character, new, rig, tube
+from ..support.commands import quietly
+from ..support.objects import collection
 from ..support.scatter import scatter
-
-
-def run(*words):
-    return commands.run_command([*map(str, words), "--quiet"], "crowd-lod")
 
 
 @pytest.fixture
@@ -37,7 +34,7 @@ def people(levelled, tmp_path):
     bpy.data.scenes.new("Other").collection.objects.link(
         bpy.data.objects.new("Set", bpy.data.meshes.new("Set"))
     )
-    scatter(levelled, 60, where=(50, 60, 4))
+    scatter(60, where=(50, 60, 4))
     bpy.ops.crowd_lod.build()
     path = tmp_path / "people.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
@@ -87,7 +84,7 @@ def test_points_of_an_object_get_a_scene_that_films_them(people, ground, tmp_pat
     out = tmp_path / "shot.blend"
     capfd.readouterr()
     assert (
-        run(
+        quietly(
             "scene",
             "--source",
             "Scatter",
@@ -150,7 +147,7 @@ def test_tracks_get_a_scene_that_films_them_on_the_ground_that_is_given(
 ):
     (tmp_path / "shots").mkdir()
     out = tmp_path / "shots" / "corridor.blend"
-    assert run("scene", corridor, "--characters", people, "--ground", ground, "--out", out) == 0
+    assert quietly("scene", corridor, "--characters", people, "--ground", ground, "--out", out) == 0
     scene = opened(out)
     settings = scene.crowd_lod
     trajectory = trajectory_of(scene)
@@ -163,22 +160,21 @@ def test_tracks_get_a_scene_that_films_them_on_the_ground_that_is_given(
     crowd = trajectory.at(1 + 24 * 4)
     assert crowd.x[0] == pytest.approx(5.2 - 5 + 30) and crowd.z[0] == 0
     assert part_seen(scene) > 0.9 and scene.camera.location.z == pytest.approx(1.7)
-    assert run("plan", out, "--frames", "100:103", "--out", tmp_path / "plan") == 0
-    assert run("build", out, "--out", tmp_path / "built.blend") == 0
+    assert quietly("plan", out, "--frames", "100:103", "--out", tmp_path / "plan") == 0
+    assert quietly("build", out, "--out", tmp_path / "built.blend") == 0
 
 
 def test_the_file_of_the_characters_may_be_the_ground(levelled, corridor, tmp_path):
     """Its characters lie in a collection of its own; they are no ground."""
     bpy.ops.mesh.primitive_plane_add(size=100, location=(0, 0, -0.25))
     bpy.context.object.name = "Floor"
-    nested = bpy.data.collections.new("Nested")
-    levelled.collection.children.link(nested)
+    nested = collection("Nested")
     levelled.collection.children.unlink(levelled.crowd_lod.characters)
     nested.children.link(levelled.crowd_lod.characters)
     path = tmp_path / "all.blend"
     out = tmp_path / "shot.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
-    assert run("scene", corridor, "--characters", path, "--ground", path, "--out", out) == 0
+    assert quietly("scene", corridor, "--characters", path, "--ground", path, "--out", out) == 0
     scene = opened(out)
     assert [item.name for item in scene.crowd_lod.terrain.all_objects if item.type == "MESH"] == [
         "Floor"
@@ -188,7 +184,7 @@ def test_the_file_of_the_characters_may_be_the_ground(levelled, corridor, tmp_pa
 
 def test_without_a_ground_there_is_light(people, tmp_path):
     assert (
-        run(
+        quietly(
             "scene", "--source", "Scatter", "--characters", people, "--out", tmp_path / "shot.blend"
         )
         == 0
@@ -250,11 +246,11 @@ def test_bad_input_is_one_sentence_and_writes_no_file(people, tmp_path, capfd):
         ),
     ):
         capfd.readouterr()
-        assert run("scene", *words, *out) == 1
+        assert quietly("scene", *words, *out) == 1
         (line,) = [line for line in capfd.readouterr().err.splitlines() if line]
         assert re.search(said, line), line
         assert sorted(tmp_path.iterdir()) == before
-    assert run("scene", people, "--characters", people, "--unit", "yard", *out) == 2
+    assert quietly("scene", people, "--characters", people, "--unit", "yard", *out) == 2
 
 
 @pytest.mark.parametrize("rigged", (False, True))
@@ -294,7 +290,7 @@ def test_characters_keep_the_size_that_empties_outside_their_collection_give_the
     path = tmp_path / "characters.blend"
     out = tmp_path / "shot.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
-    assert run("scene", corridor, "--characters", path, "--out", out) == 0
+    assert quietly("scene", corridor, "--characters", path, "--out", out) == 0
     scene = opened(out)
     box = scene.objects["box"]
     corners = np.array([box.matrix_world @ vertex.co for vertex in box.data.vertices])
@@ -315,7 +311,7 @@ def test_what_is_up_in_trajectories_is_an_option(people, tmp_path, capfd):
         + "".join(f"{k},{f / 10},{f / 8},0.5,{k}\n" for f in range(30) for k in range(8))
     )
     options = ("--characters", people, "--out", out)
-    assert run("scene", tracks, "--up", "y-left", *options) == 0
+    assert quietly("scene", tracks, "--up", "y-left", *options) == 0
     scene = opened(out)
     crowd = trajectory_of(scene).at(1)
     assert (
@@ -324,5 +320,5 @@ def test_what_is_up_in_trajectories_is_an_option(people, tmp_path, capfd):
         and set(crowd.z) == {0.5}
     )
     capfd.readouterr()
-    assert run("scene", tmp_path, *options) == 1
+    assert quietly("scene", tmp_path, *options) == 1
     assert "is a folder of" in capfd.readouterr().err

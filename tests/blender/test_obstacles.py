@@ -8,19 +8,20 @@ from crowd_lod_extension.operators.scene.obstacles import find_obstacles
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 from crowd_lod_extension.operators.settings.crowds import first_crowd
 
-from ..support.characters import new, rig
+from ..support.characters import rig
 from ..support.messages import told
-from .test_plausible import block, place, scene, warnings_of  # noqa: F401 - scene is a fixture
+from ..support.objects import box, collection, placed
+from .test_plausible import scene, warnings_of  # noqa: F401 - scene is a fixture
 
 
 @pytest.fixture
 def street(scene):  # noqa: F811
     """A ground with a kiosk, a kerb, a bridge over it, and a lamp without a face."""
-    place(block("ground", (-30, -30, -1), (30, 30, 0)), scene)
-    place(block("kiosk", (-2, -2, 0), (2, 2, 3)), scene)
-    place(block("kerb", (-9, -9, 0), (9, -8.8, 0.15)), scene)
-    place(block("bridge", (-9, 3, 4), (9, 5, 5)), scene)
-    place(new("lamp", None), scene)
+    box("ground", (-30, -30, -1), (30, 30, 0))
+    box("kiosk", (-2, -2, 0), (2, 2, 3))
+    box("kerb", (-9, -9, 0), (9, -8.8, 0.15))
+    box("bridge", (-9, 3, 4), (9, 5, 5))
+    placed("lamp")
     scene.crowd_lod.map_image = None
     return scene
 
@@ -63,7 +64,7 @@ def test_walls_are_made_of_what_is_in_the_way(street):
 @pytest.mark.parametrize("part, found", [(0.15, ["stage"]), (0.3, [])])
 def test_what_many_agents_stand_on_is_ground(street, part, found):
     bpy.data.objects.remove(bpy.data.objects["kiosk"])
-    place(block("stage", (5, 5, 0), (8, 8, 1)), street)
+    box("stage", (5, 5, 0), (8, 8, 1))
     crowd = first_crowd(street.crowd_lod)
     bpy.ops.crowd_lod.populate()
     places = np.zeros((20, 3))
@@ -87,17 +88,13 @@ def test_neither_characters_nor_the_ground_become_walls(street):
 
 def test_what_hangs_on_a_rig_and_the_shapes_of_its_bones_are_neither_obstacle_nor_ground(street):
     bpy.data.objects.remove(bpy.data.objects["kiosk"])
-    limb = block("limb", (-2, -2, 0), (2, 2, 3))
-    bone = block("bone", (4, 4, 0), (7, 7, 3))
+    limb = box("limb", (-2, -2, 0), (2, 2, 3))
+    bone = box("bone", (4, 4, 0), (7, 7, 3))
     giant = rig("giant")
-    for item in (giant, limb, bone):
-        place(item, street)
+    street.collection.objects.link(giant)
     limb.parent = giant
     giant.pose.bones[0].custom_shape = bone
     assert "in the crowd's way" not in warnings_of(street)
-    home = bpy.data.collections.new("all")
-    for name in ("ground", "bone"):
-        home.objects.link(bpy.data.objects[name])
-    street.crowd_lod.terrain = home
+    street.crowd_lod.terrain = collection("all", bpy.data.objects["ground"], bone)
     crowd = first_crowd(street.crowd_lod)
     assert [item.name for item in objects_of(crowd)] == ["ground"]

@@ -16,10 +16,11 @@ from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 from crowd_lod_extension.operators.scene.scene_occluders import scenery_digest
 from crowd_lod_extension.operators.scene.shot_reference import plan_inputs
 from crowd_lod_extension.operators.viewport.draw_data import by_reason
-from crowd_lod_extension.sample_scenes.scenery import add, box, material, tile
+from crowd_lod_extension.sample_scenes.scenery import add, box, material
 from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 
+from ..support.objects import ground, lamp, placed
 from ..support.scene_frames import frame_now
 
 pytestmark = pytest.mark.once
@@ -56,10 +57,8 @@ def street(levelled):
             house(scene, f"House {row} {column}", x + row, y)
     bpy.data.objects["House 0 1"].data.materials[0] = shader("Glass", **{"Transmission Weight": 1})
     bpy.data.objects["House 0 3"].data.materials[0] = shader("Leaves", Alpha=0.5)
-    add(scene.collection, "Ground", [(tile(-40, -40, 40, 40), material("Ground", (0.5,) * 3))])
-    sun = bpy.data.objects.new("Sun", bpy.data.lights.new("Sun", "SUN"))
-    sun.rotation_euler = (0.5, 0.2, 0)
-    scene.collection.objects.link(sun)
+    ground(-40, -40, 40, 40)
+    lamp("SUN", turn=(0.5, 0.2, 0))
     scene.crowd_lod.occlusion = True
     return scene
 
@@ -144,10 +143,7 @@ def test_instances_of_collections_hide_agents(street):
     item = bpy.data.objects["House 0 0"]
     street.collection.objects.unlink(item)
     home.objects.link(item)
-    crane = bpy.data.objects.new("Crane", None)
-    street.collection.objects.link(crane)
-    crane.instance_type = "COLLECTION"
-    crane.instance_collection = home
+    crane = placed("Crane", instance_type="COLLECTION", instance_collection=home)
     crane.location = (0, 1, 0)
     around = surroundings(street)
     assert len(around.occluders.topology.triangles) == 13 * 12 + 2

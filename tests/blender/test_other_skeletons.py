@@ -9,6 +9,7 @@ from crowd_lod_extension.operators.blender.named_actions import performance_of
 
 from ..support.characters import character, edited, new, skin, tube
 from ..support.messages import told
+from ..support.objects import placed
 
 # name -> (head, tail, parent): a person who holds out the arms
 BODY = {
@@ -35,8 +36,7 @@ FRAMES = (1, 4, 9, 17, 25)
 
 
 def skeleton(name, bones=BODY, size=1.0, roll=0.0):
-    armature = new(name, bpy.data.armatures.new(name))
-    bpy.context.scene.collection.objects.link(armature)
+    armature = placed(name, bpy.data.armatures.new(name))
     with edited(armature) as edit:
         for bone, (head, tail, parent) in bones.items():
             made = edit.new(bone)

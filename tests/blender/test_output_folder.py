@@ -11,7 +11,9 @@ from crowd_lod_extension.operators.blender.output_folders import full_path, outp
 from crowd_lod_extension.operators.deliver.open_report import report_path
 from crowd_lod_extension.operators.scene.plan_verdict import verdict_in_words
 
+from ..support.characters import character, new
 from ..support.freshness import changed_since_build
+from ..support.objects import mesh_of, placed
 from ..support.scene_frames import frame_now
 
 pytestmark = pytest.mark.once  # the same on every Blender
@@ -196,18 +198,9 @@ def test_a_wrong_setting_is_said(scene, name, value, words):
 
 def test_a_record_of_points_moves_along(tmp_path):
     scene = bpy.context.scene
-    mesh = bpy.data.meshes.new("Points")
-    mesh.from_pydata([(0, 0, 0), (1, 0, 0)], [], [])
     settings = scene.crowd_lod
-    item = bpy.data.objects.new("Points", mesh)
-    scene.collection.objects.link(item)
-    settings.characters = bpy.data.collections.new("People")
-    body = bpy.data.meshes.new("Body")
-    body.from_pydata([(0, 0, 0), (0, 0, 1), (0, 1, 0)], [], [(0, 1, 2)])
-    one = bpy.data.collections.new("One")
-    one.objects.link(bpy.data.objects.new("Body", body))
-    settings.characters.children.link(one)
-    scene.collection.children.link(settings.characters)
+    item = placed("Points", mesh_of("Points", [(0, 0, 0), (1, 0, 0)]))
+    character(new("Body", mesh_of("Body", [(0, 0, 0), (0, 0, 1), (0, 1, 0)], [(0, 1, 2)])))
     settings.source = "POINTS"
     settings.points = item
     scene.frame_end = 3

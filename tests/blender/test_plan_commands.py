@@ -2,15 +2,11 @@
 
 import bpy
 import pytest
-from crowd_lod_extension.operators.cli import commands
 
+from ..support.commands import quietly
 from ..support.scene_frames import frame_now
 
 FINER = -1  # verify finds other colors in LODs of coarser characters
-
-
-def run(*words):
-    return commands.run_command([*map(str, words), "--quiet"], "crowd-lod")
 
 
 @pytest.fixture
@@ -31,7 +27,10 @@ def planned(two_levels, tmp_path, capfd):
     entry.type = "HIDE"
     entry.agents = str(seen.argmax())
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "crowd.blend"))
-    assert run("plan", tmp_path / "crowd.blend", "--frames", "1:6", "--out", tmp_path / "plan") == 0
+    assert (
+        quietly("plan", tmp_path / "crowd.blend", "--frames", "1:6", "--out", tmp_path / "plan")
+        == 0
+    )
     capfd.readouterr()
     return tmp_path / "crowd.blend"
 
@@ -49,14 +48,14 @@ def test_strict_makes_a_frame_without_the_plan_an_error(few, planned, tmp_path, 
     name, *more = words
     out = tmp_path / ("out.blend" if name == "build" else "out")
     asked = (name, planned, *more, "--plan", tmp_path / "plan", "--out", out)
-    assert run(*asked, "--frames", "6,7", "--strict") == 1
+    assert quietly(*asked, "--frames", "6,7", "--strict") == 1
     told = capfd.readouterr().err
     assert (
         "Frame 7: The shot plan covers frames 1 to 6: elsewhere LODs follow from distances." in told
         and not out.exists()
     )
     assert (
-        run(*asked, "--frames", "5,6", "--strict") == 0 == run(*asked, "--frames", "6,7")
+        quietly(*asked, "--frames", "5,6", "--strict") == 0 == quietly(*asked, "--frames", "6,7")
         and out.exists()
     )
     told = capfd.readouterr().out

@@ -11,24 +11,9 @@ from mathutils import Matrix
 
 from ..support.characters import character, new
 from ..support.messages import told
+from ..support.objects import box, box_mesh
 
 pytestmark = pytest.mark.once  # long, and the same on every Blender
-
-
-def block(name, low, high):
-    """A closed box from its least to its greatest corner."""
-    mesh = bpy.data.meshes.new(name)
-    corners = [
-        (x, y, z)
-        for z in (low[2], high[2])
-        for x, y in ((low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1]))
-    ]
-    mesh.from_pydata(
-        corners,
-        [],
-        [(3, 2, 1, 0), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)],
-    )
-    return new(name, mesh)
 
 
 @pytest.fixture(params=[1])
@@ -40,11 +25,8 @@ def scene(request):
     meters = request.param
     scene.unit_settings.scale_length = meters
     scene.render.fps = 25
-    character(
-        block(
-            "body", (-0.2 / meters, -0.2 / meters, 0), (0.2 / meters, 0.2 / meters, 1.75 / meters)
-        )
-    )
+    corners = np.array([(-0.2, -0.2, 0), (0.2, 0.2, 1.75)]) / meters
+    character(new("body", box_mesh("body", *corners)))
     settings = scene.crowd_lod
     settings.count = 50
     settings.size = (20 / meters, 20 / meters)
@@ -57,12 +39,6 @@ def warnings_of(scene, **found):
         setattr(scene.crowd_lod, name, value)
     bpy.ops.crowd_lod.populate()
     return told(scene)
-
-
-def place(item, scene):
-    scene.collection.objects.link(item)
-    scene.view_layers[0].update()
-    return item
 
 
 def walking(speed):
@@ -81,10 +57,7 @@ units = pytest.mark.parametrize("scene", [0.01, 1, 1000], indirect=True)
 @units
 def test_a_crowd_of_people_is_told_nothing(scene):
     meters = scene.unit_settings.scale_length
-    place(
-        block("floor", (-50 / meters, -50 / meters, -1 / meters), (50 / meters, 50 / meters, 0)),
-        scene,
-    )
+    box("floor", *np.array([(-50, -50, -1), (50, 50, 0)]) / meters)
     assert warnings_of(scene, machine=walking(1.3)) == ""
 
 
@@ -116,14 +89,7 @@ def test_speeds_of_the_state_machine(scene, speed, wanted):
 @pytest.mark.parametrize("height, side", [(1.2, "below"), (-3, "above")])
 def test_who_stands_off_the_ground_of_the_scene_is_told_with_the_height(scene, height, side):
     meters = scene.unit_settings.scale_length
-    ground = place(
-        block(
-            "floor",
-            (-50 / meters, -50 / meters, (height - 1) / meters),
-            (50 / meters, 50 / meters, height / meters),
-        ),
-        scene,
-    )
+    ground = box("floor", *np.array([(-50, -50, height - 1), (50, 50, height)]) / meters)
     wanted = (
         f"100% of the agents stand {abs(height)} m {side} the ground floor: choose it as "
         f"Terrain Object"
@@ -135,15 +101,8 @@ def test_who_stands_off_the_ground_of_the_scene_is_told_with_the_height(scene, h
 @units
 def test_who_stands_in_a_wall_is_told_and_who_stands_in_a_hall_is_not(scene):
     meters = scene.unit_settings.scale_length
-    place(
-        block(
-            "hall",
-            (-50 / meters, -50 / meters, -1 / meters),
-            (50 / meters, 50 / meters, 50 / meters),
-        ),
-        scene,
-    )
-    place(block("pillar", (-10 / meters, -10 / meters, 0), (0, 10 / meters, 4 / meters)), scene)
+    box("hall", *np.array([(-50, -50, -1), (50, 50, 50)]) / meters)
+    box("pillar", *np.array([(-10, -10, 0), (0, 10, 4)]) / meters)
     trouble = warnings_of(scene)  # nor are they below a ground
     assert trouble == (
         "1 object stands in the crowd's way (pillar): press Walls from Selection to lead agents "
@@ -196,7 +155,7 @@ def test_stairs_are_none(scene, tmp_path):
 
 def test_a_sword_in_the_hand_lifts_nobody(scene):
     group = scene.crowd_lod.characters.children[0]
-    group.objects.link(block("sword", (0.3, 0, -0.16), (0.32, 0.05, 0.9)))
+    group.objects.link(box("sword", (0.3, 0, -0.16), (0.32, 0.05, 0.9)))
     bpy.ops.crowd_lod.populate()
     (entry,) = groups_of(scene.crowd_lod)
     assert entry.lowest == 0
@@ -206,7 +165,7 @@ def test_a_sword_in_the_hand_lifts_nobody(scene):
 def test_who_floats_above_the_own_origin_is_set_down_on_the_soles(scene):
     bpy.data.objects["body"].data.transform(Matrix.Translation((0, 0, 0.5)))
     group = scene.crowd_lod.characters.children[0]
-    group.objects.link(block("sword", (0.3, 0, 0.34), (0.32, 0.05, 1.4)))
+    group.objects.link(box("sword", (0.3, 0, 0.34), (0.32, 0.05, 1.4)))
     said = "someone was lowered by 0.5 m, so that its feet touch the ground."
     assert said in warnings_of(scene)
     assert groups_of(scene.crowd_lod)[0].lowest == pytest.approx(0.5, abs=1e-4)

@@ -3,9 +3,9 @@
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 
+from ..support.commands import run
 from ..support.scatter import scatter
 from ..support.scene_frames import frame_at
 from .test_points_source import bare, crowd_of, instances_of
@@ -16,7 +16,7 @@ def test_record_writes_each_frame_as_blender_evaluates_it(scene, tmp_path):
     scene.frame_end = 6
     scene.crowd_lod.center = (10, -4, 0.5)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
-    item = scatter(scene, instances=True, where=(1, 2, 3))
+    item = scatter(instances=True, where=(1, 2, 3))
     crowd_of(scene, item)
     bpy.ops.crowd_lod.record_points()
     settings = scene.crowd_lod
@@ -44,7 +44,7 @@ def test_record_writes_each_frame_as_blender_evaluates_it(scene, tmp_path):
 
 
 def test_record_of_points_at_the_height_of_heads_stays_there(scene):
-    crowd_of(scene, scatter(scene, where=(0, 0, 1.5)))
+    crowd_of(scene, scatter(where=(0, 0, 1.5)))
     scene.frame_end = 3
     bpy.ops.crowd_lod.record_points()
     assert trajectory_of(scene).at(2).z.tolist() == pytest.approx([1.5] * 60)
@@ -71,7 +71,7 @@ def test_record_of_a_count_that_changes_without_ids_is_refused_and_all_stays(sce
 @pytest.fixture
 def moving(levelled):
     """A crowd of instances with ids, and its LOD meshes."""
-    item = scatter(levelled, 30, instances=True, attributes=[("id", "INT", np.arange(30) * 3)])
+    item = scatter(30, instances=True, attributes=[("id", "INT", np.arange(30) * 3)])
     crowd_of(levelled, item)
     levelled.frame_start = 1
     levelled.frame_end = 4
@@ -98,7 +98,7 @@ def test_recorded_crowd_is_the_live_one_in_each_frame(moving):
 
 @pytest.mark.once
 def test_points_are_recorded_once_for_all_that_a_bake_needs(scene, tmp_path):
-    scatter_of = scatter(scene, 30, instances=True, attributes=[("id", "INT", np.arange(30))])
+    scatter_of = scatter(30, instances=True, attributes=[("id", "INT", np.arange(30))])
     scene.crowd_lod.characters.children.unlink(bpy.data.collections["adult"])
     scene.crowd_lod.source = "POINTS"
     scene.crowd_lod.points = scatter_of
@@ -121,7 +121,7 @@ def test_points_are_recorded_once_for_all_that_a_bake_needs(scene, tmp_path):
             "--out",
             str(tmp_path / "baked.blend"),
         ]
-        assert commands.run_command([*words, "--quiet"], "crowd-lod") == 0
+        assert run(*words, "--quiet") == 0
     finally:
         bpy.app.handlers.frame_change_post.remove(note)
     # LODs by tolerance, the estimate and the bake each follow a record; none looks at frame 6

@@ -10,6 +10,7 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 
+from ..support.objects import mesh_of, placed
 from ..support.scatter import scatter
 from ..support.scene_frames import frame_now
 
@@ -38,7 +39,7 @@ def instances_of(scene, item):
 def test_agents_are_the_instances_that_blender_lists_in_each_frame(scene, forward, ahead):
     """ahead: radians from the x axis to where a character looks that is not turned."""
     scene.crowd_lod.forward = forward
-    item = scatter(scene, instances=True, where=(3, -2, 1))
+    item = scatter(instances=True, where=(3, -2, 1))
     crowd_of(scene, item)
     for number in (1, 9):
         scene.frame_set(number)
@@ -50,7 +51,7 @@ def test_agents_are_the_instances_that_blender_lists_in_each_frame(scene, forwar
 
 
 def test_points_move_with_the_clock_and_keep_who_they_are(scene):
-    item = scatter(scene, attributes=[("id", "INT", np.arange(60) * 7 - 100)])
+    item = scatter(attributes=[("id", "INT", np.arange(60) * 7 - 100)])
     before = crowd_of(scene, item)
     scene.frame_set(25)
     after = trajectory_of(scene)
@@ -64,7 +65,7 @@ def test_points_move_with_the_clock_and_keep_who_they_are(scene):
 
 
 def test_nobody_is_missed(scene):
-    item = scatter(scene, instances=True)
+    item = scatter(instances=True)
     trajectory = crowd_of(scene, item)
     frame = frame_now(scene, scene.view_layers[0].depsgraph)
     place, _ = instances_of(scene, item)
@@ -84,7 +85,7 @@ def test_named_attributes_give_group_heading_and_phase(scene):
         ("phase", "FLOAT", phase),
         ("group", "INT", np.arange(60) % 2),
     ]
-    trajectory = crowd_of(scene, scatter(scene, attributes=attributes))
+    trajectory = crowd_of(scene, scatter(attributes=attributes))
     np.testing.assert_allclose(trajectory.start.heading, heading, atol=1e-6)
     assert trajectory.start.group.tolist() == [0, 1] * 30
     away = np.abs((trajectory.phase(trajectory.start, 500) - phase + 0.5) % 1 - 0.5)
@@ -96,7 +97,7 @@ def test_named_attributes_give_group_heading_and_phase(scene):
 
 def bare(scene, count=3, attributes=()):
     """A mesh of points without nodes, which would drop texts."""
-    item = scatter(scene, count, attributes=attributes)
+    item = scatter(count, attributes=attributes)
     item.modifiers.clear()
     return item
 
@@ -111,10 +112,8 @@ def test_direction_of_velocity_is_the_heading(scene):
 
 
 def test_particles_that_are_alive_are_agents(scene):
-    mesh = bpy.data.meshes.new("Emitter")
-    mesh.from_pydata([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [], [(0, 1, 2)])
-    item = bpy.data.objects.new("Emitter", mesh)
-    scene.collection.objects.link(item)
+    triangle = mesh_of("Emitter", [(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)])
+    item = placed("Emitter", triangle)
     item.modifiers.new("Particles", "PARTICLE_SYSTEM")
     kind = item.particle_systems[0].settings
     kind.count = 40
@@ -136,7 +135,7 @@ def test_particles_that_are_alive_are_agents(scene):
 
 
 def test_other_frames_are_not_known_and_the_sentence_says_what_to_do(scene):
-    trajectory = crowd_of(scene, scatter(scene))
+    trajectory = crowd_of(scene, scatter())
     with pytest.raises(
         CrowdError, match="The points of Scatter at frame 7 are not known at frame 1: press"
     ):
@@ -144,7 +143,7 @@ def test_other_frames_are_not_known_and_the_sentence_says_what_to_do(scene):
 
 
 def test_a_changed_object_is_a_changed_crowd_at_once_and_the_same_one_is_kept(scene):
-    item = scatter(scene)
+    item = scatter()
     first = crowd_of(scene, item)
     assert trajectory_of(scene) is first
     item.location.x += 1
@@ -155,11 +154,9 @@ def test_a_changed_object_is_a_changed_crowd_at_once_and_the_same_one_is_kept(sc
 def test_the_count_may_change_only_with_ids(scene):
     ids = np.arange(60)
     for attributes, fits in (([("id", "INT", ids)], True), ([], False)):
-        item = scatter(scene, attributes=attributes)
+        item = scatter(attributes=attributes)
         before = crowd_of(scene, item)
-        fewer = scatter(
-            scene, 50, attributes=[(name, kind, ids[:50]) for name, kind, _ in attributes]
-        )
+        fewer = scatter(50, attributes=[(name, kind, ids[:50]) for name, kind, _ in attributes])
         item.data = fewer.data
         bpy.context.view_layer.update()
         if fits:
@@ -247,13 +244,13 @@ def _far(scene):
 
 
 def _disabled(scene):
-    item = scatter(scene)
+    item = scatter()
     item.hide_viewport = True
     return item
 
 
 def _nowhere(scene):
-    item = scatter(scene)
+    item = scatter()
     scene.collection.objects.unlink(item)
     return item
 
@@ -267,7 +264,7 @@ def test_bad_points_are_told_in_one_sentence(scene, told, make):
 
 
 def test_build_shows_the_points_of_each_frame(levelled):
-    item = scatter(levelled, instances=True)
+    item = scatter(instances=True)
     crowd_of(levelled, item)
     bpy.ops.crowd_lod.build()
     for number in (1, 5, 3):
@@ -288,7 +285,7 @@ def test_build_shows_the_points_of_each_frame(levelled):
 
 @pytest.mark.once
 def test_a_build_reads_points_that_are_hidden_in_viewports_and_renders(levelled, rendered):
-    item = scatter(levelled)
+    item = scatter()
     crowd_of(levelled, item)
     bpy.ops.crowd_lod.build()
     item.hide_viewport = item.hide_render = True
@@ -312,7 +309,7 @@ def test_a_build_reads_points_that_are_hidden_in_viewports_and_renders(levelled,
 
 @pytest.mark.once
 def test_a_build_follows_an_edit_of_the_object_without_a_change_of_frame(levelled):
-    item = scatter(levelled, 3)
+    item = scatter(3)
     crowd_of(levelled, item)
     bpy.ops.crowd_lod.build()
     calls = []

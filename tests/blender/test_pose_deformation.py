@@ -11,6 +11,7 @@ from crowd_lod_extension.operators.lods.source_mesh import read_source
 from crowd_lod_extension.operators.scene.characters.stored_groups import groups_of
 
 from ..support.characters import character, new, rig, skin, tube
+from ..support.objects import mesh_of
 
 
 def arm():
@@ -31,8 +32,7 @@ def test_points_move_as_blender_moves_a_mesh_with_the_same_weights():
     rng = np.random.default_rng(0)
     follows = rng.integers(0, len(source.geometry.points), 100)
     at = source.geometry.points[follows] + rng.normal(0, 0.05, (100, 3))
-    mesh = bpy.data.meshes.new("others")
-    mesh.from_pydata(at.tolist(), [], [])
+    mesh = mesh_of("others", at)
     other = item.copy()
     other.data = mesh
     names = [group.name for group in item.vertex_groups]

@@ -18,6 +18,7 @@ from crowd_lod_extension.operators.scene.sources.crowd_parts import GROUPS
 from mathutils import Matrix
 
 from ..support.freshness import changed_since_populate
+from ..support.objects import collection
 from ..support.scatter import scatter
 from .test_points_source import crowd_of
 
@@ -87,7 +88,7 @@ def test_props_are_drawn_by_the_seed_and_change_nothing_else(scene):
 
 def test_agents_of_points_keep_their_props_when_they_are_recorded(dressed):
     number = np.arange(60) % 2  # adult, child: parts do not count
-    item = scatter(dressed, attributes=[("id", "INT", np.arange(60) * 7), ("group", "INT", number)])
+    item = scatter(attributes=[("id", "INT", np.arange(60) * 7), ("group", "INT", number)])
     live = crowd_of(dressed, item)
     assert (live.start.group[:60] == np.where(number, 3, 0)).all()
     dressed.frame_start = 1
@@ -167,9 +168,7 @@ def test_props_that_cannot_be_used_are_named(scene):
     bpy.data.objects["b"].modifiers.new("Cloth", "CLOTH")
     with pytest.raises(CrowdError, match=r"adult \+ b does not follow its wearer: b is simulated"):
         measure_groups(scene)
-    home = bpy.data.collections.new("slot: a")
-    bpy.data.collections["adult"].children.link(home)
-    home.objects.link(bpy.data.objects["d"])
+    collection("slot: a", bpy.data.objects["d"], within=bpy.data.collections["adult"])
     with pytest.raises(CrowdError, match="adult has a prop and a slot called a: rename one"):
         characters_of(scene)
 

@@ -7,11 +7,11 @@ import operator
 import bpy
 import pytest
 from crowd_lod_extension.operators.blender import provenance
-from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.lods import level_objects
 from crowd_lod_extension.operators.scene.characters import character_provenance
 from crowd_lod_extension.operators.scene.characters.character_provenance import character_inputs
 
+from ..support.commands import run
 from ..support.freshness import changed_since_build, changed_since_make
 from ..support.scene_frames import frame_now
 
@@ -158,9 +158,9 @@ def test_a_plan_is_not_used_after_a_lod_was_edited_and_strict_is_strict(
             *more,
             "--quiet",
         ]
-        assert commands.run_command([*asked, "--strict"], "crowd-lod") == 1 and not out.exists()
+        assert run(*asked, "--strict") == 1 and not out.exists()
         assert f"{words} for the file a.blend" in capfd.readouterr().err
-        assert commands.run_command(asked, "crowd-lod") == 0 and out.exists()
+        assert run(*asked) == 0 and out.exists()
         assert words in capfd.readouterr().out
         out.unlink()
 
@@ -179,7 +179,7 @@ def test_a_live_build_with_strict_needs_the_camera_path_of_the_plan(two_levels, 
         "--strict",
         "--quiet",
     ]
-    assert commands.run_command(asked, "crowd-lod") == 0
+    assert run(*asked) == 0
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "a.blend"))
     camera = bpy.context.scene.camera
     for frame, x in ((2, 0.0), (3, 1.0)):
@@ -187,10 +187,7 @@ def test_a_live_build_with_strict_needs_the_camera_path_of_the_plan(two_levels, 
         camera.keyframe_insert("location", frame=frame)
     bpy.ops.wm.save_mainfile()
     capfd.readouterr()
-    assert (
-        commands.run_command(asked, "crowd-lod") == 1
-        and "the camera changed since it was made" in capfd.readouterr().err
-    )
+    assert run(*asked) == 1 and "the camera changed since it was made" in capfd.readouterr().err
 
 
 def test_a_build_and_lods_name_what_was_edited(levelled):

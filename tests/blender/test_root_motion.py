@@ -19,6 +19,7 @@ from crowd_lod_extension.operators.settings.crowds import first_crowd
 from ..support.characters import character, edited, new, rig, skin, tube
 from ..support.freshness import changed_since_populate
 from ..support.messages import sentences, told
+from ..support.objects import filmed_from, placed
 
 WAY = 1.2
 LAST = 25
@@ -61,8 +62,7 @@ def on_strip():
 
 
 def on_parent():
-    holder = bpy.data.objects.new("holder", None)
-    bpy.context.scene.collection.objects.link(holder)
+    holder = placed("holder")
     bpy.data.objects["rig"].parent = holder
     travel(holder)
 
@@ -213,11 +213,7 @@ def test_a_build_shows_agents_where_they_are(place):
     settings = scene.crowd_lod
     settings.count = 1
     settings.level_count = 1
-    eye = bpy.data.objects.new("eye", bpy.data.cameras.new("eye"))
-    scene.collection.objects.link(eye)
-    scene.camera = eye
-    eye.data.clip_end = 1000
-    eye.location = (0, 0, 400)
+    filmed_from((0, 0, 400), clip_end=1000)
     bpy.ops.crowd_lod.populate()
     bpy.ops.crowd_lod.build()
     for frame in (1, 6, 12, 24):

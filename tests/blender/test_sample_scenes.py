@@ -22,6 +22,7 @@ from crowd_lod_extension.sample_scenes import stand, station_plan
 from mathutils.bvhtree import BVHTree
 
 from ..support.crowds import walker
+from ..support.objects import placed
 
 FRAMES = (1, *range(10, 121, 10))
 
@@ -289,8 +290,7 @@ def test_people_who_sit_on_benches_are_not_taken_for_sunk(made):
 def test_other_scenes_stay_as_they_are():
     context = bpy.context
     mine = context.scene
-    cube = bpy.data.objects.new("Cube", bpy.data.meshes.new("Cube"))
-    mine.collection.objects.link(cube)
+    cube = placed("Cube", bpy.data.meshes.new("Cube"), mine.collection)
     cube.select_set(True)
     context.view_layer.objects.active = cube
     mine.frame_set(37)

@@ -9,6 +9,8 @@ import pytest
 from crowd_lod_extension.operators.blender import scenery
 from crowd_lod_extension.operators.blender.materials import switch_nodes_on
 
+from ..support.objects import collection, filmed_from, lamp, mesh_of
+
 
 @pytest.fixture
 def stage():
@@ -16,14 +18,12 @@ def stage():
     collection, lamps, a mirror.
     """
     scene = bpy.context.scene
-    mesh = bpy.data.meshes.new("prop")
-    mesh.from_pydata([(0, 0, 0), (1, 0, 0), (0, 2, 0), (0, 0, 3)], [], [(0, 1, 2), (0, 1, 3)])
+    mesh = mesh_of("prop", [(0, 0, 0), (1, 0, 0), (0, 2, 0), (0, 0, 3)], [(0, 1, 2), (0, 1, 3)])
     mesh.materials.append(material("plain"))
     bright = mesh.copy()
     bright.materials.clear()
     bright.materials.append(material("bright", 2.0))
-    home = bpy.data.collections.new("set")
-    scene.collection.children.link(home)
+    home = collection("set")
     props = {name: bpy.data.objects.new(name, mesh) for name in ("still", "walks", "child", "part")}
     props["glows"] = bpy.data.objects.new("glows", bright)
     props["lamp"] = bpy.data.objects.new("lamp", bpy.data.lights.new("lamp", "SPOT"))
@@ -342,8 +342,7 @@ def test_a_group_of_nodes_that_emits_makes_a_material_glow(stage):
 
 
 def test_parts_of_collections_that_are_hidden_in_renders_are_not_shown(stage):
-    inner = bpy.data.collections.new("inner")
-    bpy.data.collections["parts"].children.link(inner)
+    inner = collection("inner", within=bpy.data.collections["parts"])
     linked("inner").name = "inmost"
     shown = {item.name for item, inside in scenery.Scenery(stage, None).things if inside}
     assert shown == {"part", "inmost"}
@@ -357,8 +356,7 @@ def test_parts_of_collections_that_are_hidden_in_renders_are_not_shown(stage):
 def test_renders_find_what_is_on_and_shown_at_their_own_frames(stage, handled, tmp_path):
     """The file's own data have the values of the frame that the interface shows."""
     strength = node("plain")["Principled BSDF"].inputs["Emission Strength"]
-    second = bpy.data.objects.new("second", bpy.data.lights.new("second", "POINT"))
-    stage.collection.objects.link(second)
+    second = lamp("POINT")
     keyed = (
         (second, "hide_render", True, False),
         (thing("lamp").data, "energy", 0, 9),
@@ -375,8 +373,7 @@ def test_renders_find_what_is_on_and_shown_at_their_own_frames(stage, handled, t
         found.setdefault((depsgraph.mode, scene.frame_current), {item.name for item, _ in lamps})
 
     handled("frame_change_post", "end", look)
-    stage.camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
-    stage.collection.objects.link(stage.camera)
+    filmed_from((0, 0, 0))
     stage.render.engine = "CYCLES"
     stage.cycles.samples = 1
     stage.cycles.use_denoising = False
@@ -389,5 +386,5 @@ def test_renders_find_what_is_on_and_shown_at_their_own_frames(stage, handled, t
         stage.frame_set(own)
         bpy.ops.render.render(animation=True)
         dark = {"glows"}
-        lit = {"glows", "lamp", "second", "still", "walks", "child", "part"}
+        lit = {"glows", "lamp", "POINT", "still", "walks", "child", "part"}
         assert [found["RENDER", frame] for frame in (1, 2, 3, 4)] == [dark, dark, lit, lit]

@@ -11,6 +11,7 @@ from crowd_lod_extension.operators.lods.make_lods import make_levels
 from crowd_lod_extension.operators.scene.characters.stored_groups import groups_of
 
 from ..support.characters import character
+from ..support.objects import filmed_from
 
 pytestmark = [
     pytest.mark.once,  # two searches that are worth processes take 20 s
@@ -33,11 +34,7 @@ def scene():
         subdivided.levels = subdivided.render_levels = 4
         item.users_collection[0].objects.unlink(item)
         character(item, name=name)
-    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
-    scene.collection.objects.link(camera)
-    scene.camera = camera
-    camera.location = (0, -40, 2)
-    camera.rotation_euler = (1.5, 0, 0)
+    filmed_from((0, -40, 2), (1.5, 0, 0))
     scene.crowd_lod.count = 60
     scene.crowd_lod.size = (6, 6)
     return scene

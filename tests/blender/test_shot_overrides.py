@@ -11,6 +11,7 @@ from crowd_lod_extension.operators.scene.scene_crowd import read_crowd, trajecto
 from crowd_lod_extension.operators.scene.shot_overrides import overrides_of
 from crowd_lod_extension.operators.scene.shot_reference import frame_by_policy
 
+from ..support.objects import lamp, placed
 from ..support.overrides import FRAMES, add, cube, frame_at, inside, planned, seen_at
 from ..support.scene_frames import frame_now
 
@@ -63,9 +64,7 @@ def test_who_is_hidden_casts_no_shadow(levelled, tmp_path):
     from crowd_lod_extension.operators.blender import evaluation
     from crowd_lod_extension.operators.scene import lights
 
-    sun = bpy.data.objects.new("Sun", bpy.data.lights.new("Sun", "SUN"))
-    sun.rotation_euler = (1.2, 0, 0.4)
-    levelled.collection.objects.link(sun)
+    lamp("SUN", turn=(1.2, 0, 0.4))
     with evaluation.step_frames(levelled) as at:
         moment = lights.read_moment(levelled, 3, at)
     plain = frame_by_policy(read_crowd(levelled), moment)
@@ -78,7 +77,7 @@ def test_who_is_hidden_casts_no_shadow(levelled, tmp_path):
 
 
 def test_a_region_means_those_inside_its_box_when_it_begins(levelled):
-    region = cube(levelled)
+    region = cube()
     add(levelled, select_by="REGION", region=region)
     add(levelled, select_by="REGION", region=region, frames=(8, 90))
 
@@ -96,17 +95,14 @@ def test_a_region_means_those_inside_its_box_when_it_begins(levelled):
     crowd = trajectory_of(levelled).at(1)
     assert chosen_agents(levelled)[0] == inside(crowd, (-2, -11), (6, 3))
     # an empty's box is as wide as it is drawn
-    empty = bpy.data.objects.new("Empty", None)
-    empty.empty_display_size = 6
-    empty.location = (1, 2, 0)
-    levelled.collection.objects.link(empty)
+    empty = placed("Empty", empty_display_size=6, location=(1, 2, 0))
     bpy.context.view_layer.update()
     levelled.crowd_lod.overrides[0].region = empty
     assert chosen_agents(levelled)[0] == inside(crowd, (-5, -4), (7, 8))
 
 
 def test_a_region_that_moves_is_taken_where_it_is_when_the_override_begins(levelled):
-    region = cube(levelled)
+    region = cube()
     for number, y in ((1, -4), (11, 6)):
         region.location.y = y
         region.keyframe_insert("location", index=1, frame=number)
@@ -118,7 +114,7 @@ def test_a_region_that_moves_is_taken_where_it_is_when_the_override_begins(level
 
 @pytest.mark.parametrize("change", ["moved", "renumbered", "frames", "order"])
 def test_the_plan_says_when_an_override_has_changed(levelled, tmp_path, change):
-    region = cube(levelled, (-20, -20, -1), (20, 20, 1))
+    region = cube((-20, -20, -1), (20, 20, 1))
     add(levelled, "A", agents="1", type="ALWAYS", level=1, all_frames=False)
     add(levelled, "B", select_by="REGION", region=region)
     planned(levelled, tmp_path)
@@ -158,8 +154,8 @@ WRONG = [
 def test_wrong_overrides_are_named_in_one_sentence_and_change_nothing(
     levelled, tmp_path, settings, says
 ):
-    cube(levelled, (500, 500, -1), (501, 501, 1), "far")
-    cube(levelled, (-20, -20, -1), (20, 20, 1), "shrunk").scale = (0, 0, 0)
+    cube((500, 500, -1), (501, 501, 1), "far")
+    cube((-20, -20, -1), (20, 20, 1), "shrunk").scale = (0, 0, 0)
     levelled.collection.objects.link(bpy.data.objects.new("bare", bpy.data.meshes.new("bare")))
     bpy.context.view_layer.update()
     region = settings.get("region")
@@ -178,7 +174,7 @@ def test_an_override_outside_of_the_plan_has_nobody(levelled):
     add(
         levelled,
         select_by="REGION",
-        region=cube(levelled, (500, 500, -1), (501, 501, 1)),
+        region=cube((500, 500, -1), (501, 501, 1)),
         frames=(90, 99),
     )
     assert chosen_agents(levelled) == [[]]

@@ -11,7 +11,6 @@ from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import find_visible
 from crowd_lod_extension.operators.blender.output_folders import full_path
-from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.freshness.artifacts import CROWD, reason_of
 from crowd_lod_extension.operators.scene.machine.scene_world import machine_of, world_of
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
@@ -24,7 +23,9 @@ from crowd_lod_extension.sample_scenes.characters import make_characters
 
 from ..support.cameras import straight
 from ..support.coarse_characters import CAGE
+from ..support.commands import run
 from ..support.crowds import walker
+from ..support.objects import box, collection, mesh_of, placed
 
 # of the preset evacuation
 FLOOR = "#909090"
@@ -81,10 +82,7 @@ def square():
 
 
 def add_goal(crowd, place, size=1.0, share=1.0, is_exit=True):
-    empty = bpy.data.objects.new("goal", None)
-    empty.location = (*place, 0)
-    empty.empty_display_size = size
-    crowd.id_data.collection.objects.link(empty)
+    empty = placed("goal", location=(*place, 0), empty_display_size=size)
     goal = crowd.goals.add()
     goal.object = empty
     goal.share = share
@@ -101,11 +99,7 @@ def plane(name, x, y, size):
 
 def level(name, places, faces=()):
     """A level mesh with vertices at the places (x, y)."""
-    mesh = bpy.data.meshes.new(name)
-    mesh.from_pydata([(*place, 0) for place in places], [], faces)
-    item = bpy.data.objects.new(name, mesh)
-    bpy.context.scene.collection.objects.link(item)
-    return item
+    return placed(name, mesh_of(name, [(*place, 0) for place in places], faces))
 
 
 def spawn_on(crowd, item):
@@ -204,25 +198,11 @@ def test_the_crowd_follows_its_file_which_moves_along_when_the_blend_is_saved(ha
 
 
 def test_people_walk_around_the_meshes_of_a_collection(hall):
-    obstacles = bpy.data.collections.new("Obstacles")
-    hall.collection.children.link(obstacles)
-    for name, x, size in (("block", 90, (2, 12, 3)), ("screen", 105, (0, 12, 3))):
-        mesh = bpy.data.meshes.new(name)
-        corners = [
-            (i * size[0], j * size[1] - 6, k * size[2])
-            for k in (0, 1)
-            for j in (0, 1)
-            for i in (0, 1)
-        ]
-        mesh.from_pydata(
-            corners,
-            [],
-            [(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5)],
-        )
-        item = bpy.data.objects.new(name, mesh)
+    block = box("block", (0, -6, 0), (2, 6, 3))
+    screen = box("screen", (0, -6, 0), (0, 6, 3))
+    for item, x in ((block, 90), (screen, 105)):
         item.location = (x, CENTER[1], 2)
-        obstacles.objects.link(item)
-    hall.crowd_lod.obstacles = obstacles
+    hall.crowd_lod.obstacles = collection("Obstacles", block, screen)
     hall.crowd_lod.count = 200
     (rows,) = simulate(hall)
     x = rows[:, 2]
@@ -452,7 +432,7 @@ def test_command_writes_a_scene_that_follows_the_trajectories_beside_it(hall, tm
         *("simulate", str(tmp_path / "hall.blend"), "--seconds", "2", "--agents", "40"),
         *("--out", str(out / "walked.blend")),
     ]
-    assert commands.run_command([*words, "--quiet"], "crowd-lod") == 0
+    assert run(*words, "--quiet") == 0
     bpy.ops.wm.open_mainfile(filepath=str(out / "walked.blend"))
     crowd = bpy.context.scene.crowd_lod.crowds[0]
     assert crowd.source == "SIMULATION"
@@ -460,7 +440,7 @@ def test_command_writes_a_scene_that_follows_the_trajectories_beside_it(hall, tm
     rows = rows_of(crowd)
     assert len(np.unique(rows[:, 1])) == 40 and rows[:, 0].max() == 20
     before = (out / "walked.blend").read_bytes()
-    assert commands.run_command([*words, "--seed", "-1"], "crowd-lod") == 1
+    assert run(*words, "--seed", "-1") == 1
     assert (out / "walked.blend").read_bytes() == before
     assert len([*out.iterdir()]) == 2
 

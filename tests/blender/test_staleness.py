@@ -7,6 +7,7 @@ from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.operators.blender import image_data
 
 from ..support.freshness import changed_since_build
+from ..support.objects import lamp
 
 pytestmark = pytest.mark.usefixtures("at_once", "rough_lods")
 
@@ -49,9 +50,7 @@ CHANGES = {
 OF_A_BAKE = {
     "the camera": lambda scene: setattr(scene.camera, "location", (1, -25, 2)),
     "the frame range": lambda scene: setattr(scene, "frame_end", 4),
-    "the lights": lambda scene: scene.collection.objects.link(
-        bpy.data.objects.new("Sun", bpy.data.lights.new("Sun", "SUN"))
-    ),
+    "the lights": lambda scene: lamp("SUN"),
     "the resolution": lambda scene: setattr(scene.render, "resolution_x", 200),
     "the light of the sky": shine,
 }

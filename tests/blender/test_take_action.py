@@ -14,6 +14,7 @@ from crowd_lod_extension.operators.ui import steps
 from ..support.characters import character, edited, new, rig, skin, tube
 from ..support.freshness import changed_since_populate
 from ..support.messages import told
+from ..support.objects import placed
 
 
 def bent(name):
@@ -179,8 +180,7 @@ def test_who_sits_in_an_audience_does_not_glide(skinned):
 
 def test_motion_that_came_as_empties_is_told_with_the_way_out(skinned):
     for bone in skinned.data.bones:
-        empty = new(bone.name, None)
-        bpy.context.scene.collection.objects.link(empty)
+        empty = placed(bone.name)
         empty.keyframe_insert("rotation_quaternion", frame=1)
     with pytest.raises(RuntimeError, match="Empties called as the bones of someone play its"):
         bpy.ops.crowd_lod.take_action()

@@ -15,9 +15,9 @@ from crowd_lod_extension.operators.scene.machine.scene_world import machine_of
 from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 
-from ..support.characters import box
 from ..support.freshness import changed_since_populate
 from ..support.messages import told
+from ..support.objects import box, collection, mesh_of, placed
 
 pytestmark = pytest.mark.usefixtures("at_once")
 
@@ -28,11 +28,7 @@ SIT = (
 
 
 def add(scene, name, points, faces=(), edges=()):
-    mesh = bpy.data.meshes.new(name)
-    mesh.from_pydata(points, edges, faces)
-    item = bpy.data.objects.new(name, mesh)
-    scene.collection.objects.link(item)
-    return item
+    return placed(name, mesh_of(name, points, faces, edges))
 
 
 def station(scene):
@@ -40,8 +36,7 @@ def station(scene):
 
     One is scaled, turned, mirrored, and one is an instance.
     """
-    home = bpy.data.collections.new("Station")
-    scene.collection.children.link(home)
+    home = collection("Station")
     step = bpy.data.collections.new("Step")
     floor = box("Floor", (-1, -1, -1), (1, 1, 0))
     upper = box("Upper", (0, -20, 3.75), (25, 20, 4))
@@ -51,12 +46,9 @@ def station(scene):
     tread = box("Tread", (0, -5, 0), (1, 5, 0.25))
     step.objects.link(tread)
     for k in range(16):
-        item = bpy.data.objects.new(f"Step {k}", None)
-        item.instance_type = "COLLECTION"
-        item.instance_collection = step
-        item.location = (k - 16, 0, 0.25 * k)
-        scene.collection.objects.link(item)
-        items.append(item)
+        items.append(placed(f"Step {k}", location=(k - 16, 0, 0.25 * k)))
+        items[-1].instance_type = "COLLECTION"
+        items[-1].instance_collection = step
     for item in items:
         scene.collection.objects.unlink(item)
         home.objects.link(item)
@@ -278,8 +270,7 @@ def test_rows_along_a_curve_do_not_depend_on_its_thickness(scene):
     for point, place in zip(spline.points, ((-10, -5), (10, -5), (10, 5), (-10, 5)), strict=True):
         point.co = (*place, 0, 1)
     spline.use_cyclic_u = True
-    item = bpy.data.objects.new("Ring", curve)
-    scene.collection.objects.link(item)
+    item = placed("Ring", curve)
     item.location.z = 2
     settings = scene.crowd_lod
     settings.spawn_on = "CURVES"

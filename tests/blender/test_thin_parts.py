@@ -14,6 +14,8 @@ from crowd_lod_extension.operators.lods.make_lods import make_levels
 from crowd_lod_extension.operators.scene.characters.group_measuring import measure_groups
 from crowd_lod_extension.operators.scene.characters.stored_groups import groups_of, store_groups
 
+from ..support.objects import mesh_of
+
 pytestmark = pytest.mark.once
 RADIUS = 0.012
 LONG = 1.5
@@ -23,8 +25,7 @@ SAMPLES = 4  # across a pixel, as Cycles takes them for the outline
 
 def skinned(name, points, faces):
     """An object of points about the origin, held off the adult's right hand."""
-    mesh = bpy.data.meshes.new(name)
-    mesh.from_pydata((np.asarray(points) + (0.05, -0.5, 0.95)).tolist(), [], faces)
+    mesh = mesh_of(name, (np.asarray(points) + (0.05, -0.5, 0.95)), faces)
     item = bpy.data.objects.new(name, mesh)
     item.vertex_groups.new(name="hand.R").add(range(len(points)), 1.0, "REPLACE")
     item.modifiers.new("Armature", "ARMATURE").object = bpy.data.objects["adult rig"]

@@ -13,7 +13,6 @@ from crowd_lod_extension.crowd_lod.crowd.state_machine import preset_text
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.frame.reasons import account
 from crowd_lod_extension.operators.blender import scene_data
-from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.deliver.usd.openusd import openusd
 from crowd_lod_extension.operators.lods.make_lods import make_levels
 from crowd_lod_extension.operators.plan.scene_json import crowd_json
@@ -23,6 +22,8 @@ from crowd_lod_extension.operators.viewport import hud
 from crowd_lod_extension.sample_scenes.characters import make_characters
 
 from ..support.coarse_characters import CAGE
+from ..support.commands import quietly, run
+from ..support.objects import box, collection, filmed_from
 from ..support.scene_frames import frame_now
 
 # long, and the same on every Blender
@@ -53,8 +54,7 @@ def make_scaled(scale):
     scene.render.fps = 24
     scene.render.resolution_x = 320
     scene.render.resolution_y = 180
-    characters = bpy.data.collections.new("People")
-    scene.collection.children.link(characters)
+    characters = collection("People")
     make_characters(characters, finer=CAGE)
     for name in ("adult", "heavy"):
         characters.children.unlink(characters.children[name])
@@ -62,13 +62,8 @@ def make_scaled(scale):
         if item.parent is None:
             item.scale = [1 / scale] * 3
             item.location /= scale
-    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
-    scene.collection.objects.link(camera)
-    scene.camera = camera
-    camera.location = np.array((0, -25, 2)) / scale
-    camera.rotation_euler = (1.5, 0, 0)
-    camera.data.clip_start = 0.1 / scale
-    camera.data.clip_end = 60 / scale
+    place = np.array((0, -25, 2)) / scale
+    filmed_from(place, (1.5, 0, 0), clip_start=0.1 / scale, clip_end=60 / scale)
     settings = scene.crowd_lod
     settings.characters = characters
     settings.forward = "X"
@@ -78,19 +73,6 @@ def make_scaled(scale):
     bpy.context.view_layer.update()
     assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
     list(make_levels(scene))
-
-
-def box(name, scale, low, high):
-    """A box between two corners in meters."""
-    corners = [
-        (x, y, z) for z in (low[2], high[2]) for y in (low[1], high[1]) for x in (low[0], high[0])
-    ]
-    faces = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
-    mesh = bpy.data.meshes.new(name)
-    mesh.from_pydata((np.array(corners, float) / scale).tolist(), [], faces)
-    item = bpy.data.objects.new(name, mesh)
-    bpy.context.scene.collection.objects.link(item)
-    return item
 
 
 def of_machine(scene, scale, folder):
@@ -137,15 +119,12 @@ def of_terrain(scene, scale, folder):
         ((-3, -40, 0), (0, 40, 0.4)),
         ((0, -40, 0), (3, 40, 0.7)),
     ]
-    home = bpy.data.collections.new("Ground")
-    scene.collection.children.link(home)
-    for k, (low, high) in enumerate(grounds):
-        home.objects.link(box(f"Ground {k}", scale, low, high))
-    scene.crowd_lod.terrain = home
+    boxes = [box("Ground", *np.array(corners) / scale) for corners in grounds]
+    scene.crowd_lod.terrain = collection("Ground", *boxes)
 
 
 def of_points(scene, scale, folder):
-    item = box("Points", scale, (-5, -5, 0), (5, 5, 0.5))
+    item = box("Points", *np.array([(-5, -5, 0), (5, 5, 0.5)]) / scale)
     item.hide_render = False
     scene.crowd_lod.source = "POINTS"
     scene.crowd_lod.points = item
@@ -238,7 +217,7 @@ def test_the_command_scene_films_tracks_alike_in_every_unit(scale, scaled, tmp_p
         out,
         "--quiet",
     ]
-    assert commands.run_command([*map(str, words)], "crowd-lod") == 0
+    assert run(*words) == 0
     bpy.ops.wm.open_mainfile(filepath=str(out), load_ui=False)
     scene = bpy.context.scene
     assert scene_data.meters(scene) == pytest.approx(scale)
@@ -292,10 +271,8 @@ def test_a_shot_plan_and_its_export_are_alike_in_every_unit(scaled, tmp_path):
         file = file.with_suffix(".blend")
         usd = tmp_path / f"crowd{scale:g}.usdc"
         bpy.ops.wm.save_as_mainfile(filepath=str(file))
-        run = ["plan", file, "--frames", "1:3", "--out", out, "--quiet"]
-        assert commands.run_command([*map(str, run)], "crowd-lod") == 0
-        run = ["export", file, "--frames", "1:3", "--out", usd, "--quiet"]
-        assert commands.run_command([*map(str, run)], "crowd-lod") == 0
+        assert quietly("plan", file, "--frames", "1:3", "--out", out) == 0
+        assert quietly("export", file, "--frames", "1:3", "--out", usd) == 0
         plan = json.loads((out / "plan.json").read_text())
         stage = modules.Usd.Stage.Open(str(usd))
         (agents,) = [prim for prim in stage.Traverse() if prim.IsA(modules.UsdGeom.PointInstancer)]

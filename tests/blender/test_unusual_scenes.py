@@ -17,6 +17,7 @@ from crowd_lod_extension.operators.scene.characters.stored_groups import store_g
 from crowd_lod_extension.operators.scene.scene_crowd import characters_of, read_crowd, trajectory_of
 
 from ..support.characters import character, new, rig, skin, tube
+from ..support.objects import placed
 
 pytestmark = pytest.mark.usefixtures("rough_lods")
 
@@ -97,8 +98,7 @@ def test_poses_stand_as_the_character_does_and_a_bake_is_as_the_build(bare, part
     bare.render.frame_map_new = 50
     bare.crowd_lod.first_frame = 2001
     bare.render.use_motion_blur = blur
-    dolly = new("dolly", None)
-    bare.collection.objects.link(dolly)
+    dolly = placed("dolly")
     bare.camera.parent = dolly
     for frame, x in ((2001, -6.0), (2030, 6.0)):
         dolly.location.x = x

@@ -7,7 +7,6 @@ import bpy
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.deliver.update_all import (
     due_steps,
     look_again,
@@ -17,6 +16,7 @@ from crowd_lod_extension.operators.deliver.update_all import (
 from crowd_lod_extension.operators.ui import steps
 
 from ..support.characters import character, new, rig, skin, tube
+from ..support.commands import run
 
 MAKE = "Make LOD Meshes"
 PLAN = "Plan Shot"
@@ -136,16 +136,16 @@ def test_the_command_updates_a_file_and_leaves_one_that_is_up_to_date(shot, tmp_
     path = Path(tmp_path, "shot.blend")
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
     words = ["update", str(path), "--quiet", "--json"]
-    assert commands.run_command(words, "crowd-lod") == 0
+    assert run(*words) == 0
     result = json.loads(capfd.readouterr().out.splitlines()[-1])
     assert [*result["done"]] == [MAKE, PLAN, "Build"]
     saved = path.read_bytes()
-    assert commands.run_command(words, "crowd-lod") == 0
+    assert run(*words) == 0
     again = json.loads(capfd.readouterr().out.splitlines()[-1])
     assert again["done"] == {} and "visible" in again["verdict"]
     assert again["verdict"] in again["summary"]
     assert path.read_bytes() == saved
-    assert commands.run_command(["update", "plaza", "--quiet"], "crowd-lod") == 1
+    assert run("update", "plaza", "--quiet") == 1
     assert "write one by the command sample" in capfd.readouterr().err
 
 

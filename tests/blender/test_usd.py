@@ -21,6 +21,8 @@ from crowd_lod_extension.operators.lods.posed_shapes import Posed
 from crowd_lod_extension.operators.scene.scene_crowd import characters_of, read_crowd, trajectory_of
 from mathutils import Matrix, Quaternion
 
+from ..support.objects import placed
+
 FRAMES = (3, 11, 30)
 HALF = (
     2e-3  # meters and parts by which orientations in half floats turn what is as large as a person
@@ -98,8 +100,7 @@ def test_every_agent_stands_as_blender_puts_it_in_the_build_and_shows_its_lod(
     built.render.frame_map_new = 150
     built.crowd_lod.forward = "-Y"
     marker = built.timeline_markers.new("cut", frame=15)
-    marker.camera = bpy.data.objects.new("Other", built.camera.data)
-    built.collection.objects.link(marker.camera)
+    marker.camera = placed("Other", built.camera.data)
     marker.camera.location = (25, 0, 3)
     marker.camera.rotation_euler = (1.4, 0, 1.57)
     built.timeline_markers.new("begin", frame=0).camera = built.camera

@@ -13,10 +13,11 @@ from crowd_lod_extension.operators.blender.materials import switch_nodes_on
 from crowd_lod_extension.operators.build.shelves import points_of
 from crowd_lod_extension.operators.deliver.proof.verify import Verify, verify
 from crowd_lod_extension.operators.deliver.proof.verify_build import frames_to_verify
-from crowd_lod_extension.sample_scenes.scenery import add, material, tile
+from crowd_lod_extension.sample_scenes.scenery import material
 from mathutils import Matrix
 
 from ..support.characters import character, new, tube
+from ..support.objects import filmed_from, ground, lamp
 
 pytestmark = pytest.mark.once  # long, and the same on every Blender
 
@@ -39,15 +40,10 @@ def _make_street():
     scene.render.engine = "CYCLES"
     scene.render.resolution_x = 160
     scene.render.resolution_y = 90
-    add(scene.collection, "Ground", [(tile(-30, -20, 30, 40), material("Ground", (0.5, 0.5, 0.5)))])
-    camera = new("Camera", bpy.data.cameras.new("Camera"))
-    camera.location = (0, -12, 2)
-    camera.rotation_euler = (1.45, 0, 0)
-    camera.data.clip_end = 40
-    scene.collection.objects.link(camera)
-    scene.camera = camera
+    ground(-30, -20, 30, 40)
+    filmed_from((0, -12, 2), (1.45, 0, 0), clip_end=40)
     scene.frame_end = 2
-    _light("Lamp", (0, -10, 20), (0.3, 0, 0))
+    lamp("SUN", (0, -10, 20), (0.3, 0, 0))
     scene.world = bpy.data.worlds.new("Gray")
     sky = next(node for node in switch_nodes_on(scene.world).nodes if node.type == "BACKGROUND")
     sky.inputs["Color"].default_value = (0.3, 0.3, 0.3, 1)
@@ -58,13 +54,6 @@ def _make_street():
     settings.thresholds[0] = 0.2
     bpy.ops.crowd_lod.populate()
     bpy.ops.crowd_lod.make_levels()
-
-
-def _light(name, place, turn):
-    sun = new(name, bpy.data.lights.new(name, "SUN"))
-    sun.location = place
-    sun.rotation_euler = turn
-    bpy.context.scene.collection.objects.link(sun)
 
 
 @pytest.fixture
@@ -134,7 +123,7 @@ def test_a_bake_whose_lod_has_a_red_material(baked, tmp_path):
 
 
 def test_a_bake_that_is_older_than_a_low_sun_and_than_its_camera(baked, tmp_path):
-    _light("Low", (0, 0, 0), (0, 1.35, 0))
+    lamp("SUN", (0, 0, 0), (0, 1.35, 0))
     baked.camera.location.x += 1e-3
     result = proof(baked, tmp_path / "out")
     assert verdict(result).startswith("Failed: the bake is older than the ")
@@ -168,13 +157,13 @@ def test_lods_that_are_off_at_the_final_size_are_not_ok_in_a_small_picture(stree
 
 def test_a_bake_for_workbench_is_proved_without_shadows(street, tmp_path):
     street.render.engine = "BLENDER_WORKBENCH"
-    _light("Low", (0, 0, 0), (0, 1.35, 0))
+    lamp("SUN", (0, 0, 0), (0, 1.35, 0))
     assert bpy.ops.crowd_lod.bake() == {"FINISHED"}
     result = proof(street, tmp_path / "out")
     assert (
         result["ok"]
         and any("Workbench" in said for said in result["left_out"])
-        and bpy.data.lights["Low"].use_shadow
+        and bpy.data.lights["SUN.001"].use_shadow
     )
 
 

@@ -9,8 +9,8 @@ import bpy
 import pytest
 from crowd_lod_extension.crowd_lod.validation.render_proof import verdict, worst_frame
 from crowd_lod_extension.operators.deliver.open_report import REPORTS, report_path
-from crowd_lod_extension.sample_scenes.scenery import add, material, tile
 
+from ..support.objects import ground, lamp
 from ..support.pages import Reader
 
 pytestmark = pytest.mark.once  # long, and the same on every Blender
@@ -55,14 +55,8 @@ def test_a_proof_that_fails_is_an_error_and_its_report_stays(levelled, tmp_path)
     settings = small(levelled)
     settings.verify_count = 1
     settings.output_folder = str(tmp_path / "out")
-    add(
-        levelled.collection,
-        "Ground",
-        [(tile(-30, -40, 30, 50), material("Ground", (0.5, 0.5, 0.5)))],
-    )
-    sun = bpy.data.objects.new("Sun", bpy.data.lights.new("Sun", "SUN"))
-    sun.rotation_euler = (0, 1.2, 0.2)
-    levelled.collection.objects.link(sun)
+    ground(-30, -40, 30, 50)
+    lamp("SUN", turn=(0, 1.2, 0.2))
     settings.shadows = False
     with pytest.raises(
         RuntimeError,

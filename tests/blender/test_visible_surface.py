@@ -11,6 +11,9 @@ from crowd_lod_extension.operators.lods.posed_shapes import Posed
 from crowd_lod_extension.operators.lods.posed_surface import PosedSurface, compare_surfaces
 from crowd_lod_extension.operators.lods.visible_surface import visible_points
 
+from ..support.bodies import ball
+from ..support.objects import mesh_of, placed
+
 pytestmark = pytest.mark.once
 GROUP = Group("one", 0, 1, 0, 1)
 # rings, segments of spheres
@@ -24,12 +27,8 @@ def empty():
 
 
 def sphere(radius, size):
-    mesh = bpy.data.meshes.new("sphere")
-    body = bmesh.new()
-    bmesh.ops.create_uvsphere(body, u_segments=size[1], v_segments=size[0], radius=radius)
-    body.to_mesh(mesh)
-    body.free()
-    return bpy.data.objects.new("sphere", mesh)
+    points, triangles = ball(size[1], size[0] - 1, radius)
+    return bpy.data.objects.new("sphere", mesh_of("sphere", points, triangles.tolist()))
 
 
 def off(objects, level):
@@ -89,12 +88,12 @@ def tube(rings, radius, low=0.0, high=1.0, bones=0):
         for i in range(8)
     ]
     faces += [tuple(range(8))[::-1], tuple(range(8 * rings - 8, 8 * rings))]
-    mesh = bpy.data.meshes.new("tube")
-    mesh.from_pydata(points, [], faces)
-    item = bpy.data.objects.new("tube", mesh)
+    item = bpy.data.objects.new("tube", mesh_of("tube", points, faces))
     for number in range(bones):
         own = [
-            v.index for v in mesh.vertices if min(int(v.co.z * bones / high), bones - 1) == number
+            v.index
+            for v in item.data.vertices
+            if min(int(v.co.z * bones / high), bones - 1) == number
         ]
         item.vertex_groups.new(name=f"bone {number}").add(own, 1.0, "REPLACE")
     return item
@@ -157,8 +156,7 @@ def test_a_body_counts_where_its_shirt_ends():
 
 def rig(bones):
     """An armature along z whose bones bend one after the other, each alone."""
-    armature = bpy.data.objects.new("rig", bpy.data.armatures.new("rig"))
-    bpy.context.scene.collection.objects.link(armature)
+    armature = placed("rig", bpy.data.armatures.new("rig"))
     bpy.context.view_layer.objects.active = armature
     bpy.ops.object.mode_set(mode="EDIT")
     parent = None

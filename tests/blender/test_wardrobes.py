@@ -136,7 +136,7 @@ def test_what_is_worn_follows_overrides_points_and_other_crowds(dressed):
     hidden = trajectory_of(scene).at(1).present
     assert (hidden == (several.wearer < 200)).all()
     settings.crowds.remove(1)
-    item = scatter(scene, attributes=[("id", "INT", np.arange(60) * 7)])
+    item = scatter(attributes=[("id", "INT", np.arange(60) * 7)])
     points = crowd_of(scene, item)
     people = len(points.bare.start)
     assert people == 60 and (points.ids[people:] == -1).all()

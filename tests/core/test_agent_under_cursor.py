@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
-from crowd_lod_extension.crowd_lod.crowd.agents import Crowd, Group
-from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
-from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
+from crowd_lod_extension.crowd_lod.crowd.agents import Group
+from crowd_lod_extension.crowd_lod.culling.camera import Window
 from crowd_lod_extension.crowd_lod.culling.radar import BLOCK
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.frame.frame import plan
@@ -17,7 +16,11 @@ from crowd_lod_extension.crowd_lod.frame.planned import HIDDEN, OVERRIDDEN, PINN
 from crowd_lod_extension.crowd_lod.frame.reasons import account, nearest
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 from crowd_lod_extension.crowd_lod.sorting.buckets import Buckets
-from crowd_lod_extension.crowd_lod.world.maps import Area, edge_map
+from crowd_lod_extension.crowd_lod.world.maps import Area
+
+from ..support.cameras import straight
+from ..support.crowds import crowd_at
+from ..support.shots import chapter
 
 SIZE = 640, 480
 NOBODY = Buckets(np.zeros(0, np.int32), np.zeros(4, np.intp))
@@ -79,34 +82,14 @@ AGENTS = ((0, 5, 0), (1, 20, 0), (0, 30, 1), (0, 39.9, 0), (-30, 10, 0), (0, -10
 
 
 def accounts(kind="PERSP", groups=GROUPS, row=None):
-    x, y, group = np.array(AGENTS, np.float64).T
-    n = len(x)
-    crowd = Crowd(
-        x,
-        y,
-        np.zeros(n),
-        np.zeros(n, np.float32),
-        np.zeros(n, np.uint8),
-        group.astype(np.uint8),
-        np.zeros(n, np.float32),
-    )
-    machine = load_preset("chapter")
+    crowd = crowd_at([(x, y, 0) for x, y, _ in AGENTS], [group for _, _, group in AGENTS])
     edge = 1.0 if kind == "PERSP" else 20.0
-    axes = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, 1.0, 0]])
-    camera = Camera(
-        kind,
-        np.array([0.0, 0, 1]),
-        *axes,
-        Window(-edge, edge, -edge, edge),
-        1.0,
-        40.0,
-        (1000, 1000),
-    )
-    policy = LevelPolicy((0.25, 0.6))
-    world = edge_map(Area(-60, -60, 60, 60), machine.labels)
-    frame = plan(Walk(crowd, machine, world, groups, 1 / 24), camera, policy, 1)
+    window = Window(-edge, edge, -edge, edge)
+    camera = replace(straight(40.0, kind, (0, 0, 1)), window=window, pixels=(1000, 1000))
+    walk = Walk(crowd, *chapter(Area(-60, -60, 60, 60)), groups, 1 / 24)
+    frame = plan(walk, camera, LevelPolicy((0.25, 0.6)), 1)
     frame = frame if row is None else with_row(frame, np.array(row, np.uint8))
-    return [account(frame, agent) for agent in range(n)], frame
+    return [account(frame, agent) for agent in range(len(AGENTS))], frame
 
 
 def test_an_account_says_what_the_plan_made_of_an_agent():

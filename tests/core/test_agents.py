@@ -2,13 +2,13 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd.agents import Draw, Group
 from crowd_lod_extension.crowd_lod.crowd.bounds import bounding_sphere, cover_sizes
-from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.world.first_frame import populate
-from crowd_lod_extension.crowd_lod.world.maps import Area, edge_map
+from crowd_lod_extension.crowd_lod.world.maps import Area
 
-MACHINE = load_preset("chapter")
-WORLD = edge_map(Area(-10, 5, 30, 25, 2.0), MACHINE.labels)
+from ..support.shots import chapter
+
+MACHINE, WORLD = chapter(Area(-10, 5, 30, 25, 2.0))
 
 
 def test_same_seed_same_crowd_bit_for_bit_and_another_seed_another():

@@ -5,13 +5,12 @@ import time
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.behavior.walk import Walk
-from crowd_lod_extension.crowd_lod.crowd.agents import Group
-from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset, parse
+from crowd_lod_extension.crowd_lod.crowd.state_machine import parse
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished, run_in_thread
-from crowd_lod_extension.crowd_lod.world.first_frame import populate
-from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap, edge_map
+from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap
+
+from ..support.shots import ONE, chapter, shot
 
 AREA = Area(-50, -50, 50, 50)
 FAR = 10**6  # frames, minutes away
@@ -21,24 +20,13 @@ FAST = """{"version": 1, "edge": "wrap", "labels": {"a": {"color": "#000000"}, "
 
 
 def trajectory(count=2000):
-    machine = load_preset("chapter")
-    world = edge_map(AREA, machine.labels)
-    return Walk(
-        populate(count, 1, 1, machine, world),
-        machine,
-        world,
-        (Group("a", 0.9, 1, 1.25, 1),),
-        1 / 24,
-    )
+    return shot(*chapter(AREA), ONE, count, 1)
 
 
 def fast():
     """Agents that enter a cell of another label 41,667 times in a step, which takes seconds."""
-    machine = parse(FAST, "fast")
     world = LabelMap(np.arange(100, dtype=np.uint8)[None].repeat(2, 0) % 2, AREA)
-    return Walk(
-        populate(1000, 1, 1, machine, world), machine, world, (Group("a", 0.9, 1, 1.25, 1),), 1 / 24
-    )
+    return shot(parse(FAST, "fast"), world, ONE, 1000, 1)
 
 
 @pytest.mark.once

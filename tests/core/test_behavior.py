@@ -10,10 +10,11 @@ from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.world.first_frame import populate
 from crowd_lod_extension.crowd_lod.world.height_map import HeightMap
-from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap, edge_map
+from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap
 
 from ..support.crowds import crowd_at, walker
 from ..support.machines import LIVELY, TO_AND_FRO, machine_of, mirrored, random_world, same
+from ..support.shots import ONE, chapter, shot
 
 
 def test_a_step_within_a_cell_is_listing_1_1_bit_for_bit():
@@ -39,8 +40,7 @@ def test_a_step_within_a_cell_is_listing_1_1_bit_for_bit():
 
 
 def test_chapter_walks_right_to_the_edge_turns_and_walks_left():
-    machine = load_preset("chapter")
-    world = edge_map(Area(0, 0, 64, 1), machine.labels)
+    machine, world = chapter(Area(0, 0, 64, 1))
     crowd = crowd_at([(60.0, 0.5, 0)])
     xs = []
     states = []
@@ -239,26 +239,12 @@ def test_an_agent_that_the_table_sends_to_and_fro_stands_and_is_told():
 
 
 def lively(seed=1, edge="wrap", **more):
-    machine = machine_of(LIVELY, edge)
     world = random_world(np.random.default_rng(seed), 2)
-    return Walk(
-        populate(400, seed, 1, machine, world),
-        machine,
-        world,
-        (walker(),),
-        1 / 24,
-        10,
-        every=8,
-        **more,
-    )
+    return shot(machine_of(LIVELY, edge), world, seed=seed, first_frame=10, every=8, **more)
 
 
 def trajectory(seed=1):
-    machine = load_preset("chapter")
-    world = edge_map(Area(0, 0, 30, 30), machine.labels)
-    return Walk(
-        populate(500, seed, 1, machine, world), machine, world, (walker(),), 1 / 24, 10, every=8
-    )
+    return shot(*chapter(Area(0, 0, 30, 30)), ONE, 500, seed, first_frame=10, every=8)
 
 
 @pytest.mark.once

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
-from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.validation.behavior_errors import (
     CUT,
     FRAMES,
@@ -12,23 +11,21 @@ from crowd_lod_extension.crowd_lod.validation.behavior_errors import (
     compare_behavior,
     sensitivity,
 )
-from crowd_lod_extension.crowd_lod.world.first_frame import populate
-from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap, edge_map
+from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap
 
 from ..support.crowds import crowd_at, walker
 from ..support.machines import machine_of
+from ..support.shots import ONE, chapter, shot
 
 
-def chapter(count):
-    machine = load_preset("chapter")
-    world = edge_map(Area(-20, -20, 20, 20, 0), machine.labels)
-    return Walk(populate(count, 1, 1, machine, world), machine, world, (walker(),), 1 / 24)
+def people(count):
+    return shot(*chapter(Area(-20, -20, 20, 20)), ONE, count, 1)
 
 
 @pytest.mark.once
 def test_frames_are_exact_in_the_chapters_scene_and_the_listing_is_of_first_order():
     rows = {
-        (row["way"], row["steps_a_second"]): row for row in compare_behavior([chapter(300)], 48, 1)
+        (row["way"], row["steps_a_second"]): row for row in compare_behavior([people(300)], 48, 1)
     }
     assert {name for name, _ in rows} == {FRAMES, LISTING, CUT}
     assert rows[FRAMES, 24]["worst_m"] < 1e-11 and rows[FRAMES, 24]["apart"] == 0
@@ -41,16 +38,16 @@ def test_frames_are_exact_in_the_chapters_scene_and_the_listing_is_of_first_orde
 
 
 def test_rounding_is_not_amplified_where_all_walk_straight():
-    found = sensitivity([chapter(100)], 60)
+    found = sensitivity([people(100)], 60)
     assert found.until is None and found.apart == 0 and found.farthest < 1e-11
 
 
 @pytest.mark.once
 def test_all_crowds_are_judged():
-    rows = list(compare_behavior([chapter(60), chapter(1200)], 24, 1, (24,)))
+    rows = list(compare_behavior([people(60), people(1200)], 24, 1, (24,)))
     assert {row["agents"] for row in rows} == {1260}
     assert {row["judged"] for row in rows} == {560}  # all of the small one, JUDGED / 2 of the other
-    assert sensitivity([chapter(60), chapter(1200)], 5).judged == 560
+    assert sensitivity([people(60), people(1200)], 5).judged == 560
 
 
 def test_rounding_is_amplified_where_ways_part_at_a_corner():

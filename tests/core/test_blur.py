@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.animation.phase_classes import Cast
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
-from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.culling.camera import lens_blur
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 from crowd_lod_extension.crowd_lod.shot.pixels import blur_of
 from crowd_lod_extension.crowd_lod.shot.recording import begin_recording
-from crowd_lod_extension.crowd_lod.world.maps import Area, edge_map
+from crowd_lod_extension.crowd_lod.world.maps import Area
 
 from ..support.cameras import straight
 from ..support.crowds import crowd_at, walker
+from ..support.shots import chapter
 
 GROUP = replace(walker(), bounds=(0.0, 0.02, 0.2), deviations=(0.0, 0.02, 0.2), diagonal=2.0)
 POLICY = LevelPolicy((0.0, 0.0), tolerance=1.0)
@@ -24,9 +24,7 @@ PLACES = [(0, 10, 0), (3, 20, 0), (-6, 40, 0), (1, 80, 0)]
 
 @pytest.fixture
 def crowd():
-    machine = load_preset("chapter")
-    area = Area(-100, -100, 100, 100)
-    return Walk(crowd_at(PLACES), machine, edge_map(area, machine.labels), (GROUP,), 1 / 24)
+    return Walk(crowd_at(PLACES), *chapter(Area(-100, -100, 100, 100)), (GROUP,), 1 / 24)
 
 
 def panned(camera, angle):

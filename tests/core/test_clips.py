@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.animation.phase_classes import Cast
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
-from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 from crowd_lod_extension.crowd_lod.shot.recording import begin_recording
 from crowd_lod_extension.crowd_lod.shot.survey import Cause
-from crowd_lod_extension.crowd_lod.world.maps import Area, edge_map
+from crowd_lod_extension.crowd_lod.world.maps import Area
 
 from ..support.cameras import straight
-from ..support.crowds import crowd_at, walker
+from ..support.crowds import crowd_at
+from ..support.shots import ONE, chapter
 
 AHEAD = [(0, 6, 0), (2, 30, 0), (-3, 60, 0)]
 BEHIND = [(0, -6, 0), (2, -30, 0)]
@@ -28,10 +28,8 @@ def turned(camera):
 
 def events(before, after):
     """[who enters, who leaves], with the causes, in a shot of two frames with these cameras."""
-    machine = load_preset("chapter")
-    world = edge_map(Area(-100, -100, 100, 100), machine.labels)
     people = crowd_at(AHEAD + BEHIND + BESIDE)
-    crowd = Walk(people, machine, world, (walker(),), 1 / 24)
+    crowd = Walk(people, *chapter(Area(-100, -100, 100, 100)), ONE, 1 / 24)
     cast = Cast(np.zeros(1, np.intp))
     recording = begin_recording([1, 2], [1.0, 1.0], people.group, cast.first(crowd.gaits), cast)
     frames = [plan(crowd, camera, LevelPolicy((0.3, 0.6)), 1.0) for camera in (before, after)]

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.leave_outs import NO_MIRRORS, NO_SHADOWS, NO_SKY
-from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 from crowd_lod_extension.crowd_lod.validation import culling_errors
 from crowd_lod_extension.crowd_lod.validation.culling_errors import (
@@ -27,11 +26,9 @@ from crowd_lod_extension.crowd_lod.validation.culling_errors import (
 )
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees, standing_crowd
 from crowd_lod_extension.crowd_lod.validation.extreme_cases import camera_of
-from crowd_lod_extension.crowd_lod.world.first_frame import populate
-from crowd_lod_extension.crowd_lod.world.maps import Area, edge_map
+from crowd_lod_extension.crowd_lod.world.maps import Area
 
-from ..support.crowds import walker
-from ..support.shots import shot
+from ..support.shots import ONE, chapter, shot
 
 NARROW, *_, WIDE = BY_EYE
 CENTER = np.array([0.9, 0.5])
@@ -107,9 +104,7 @@ def test_float32_in_the_world_loses_agents_far_out_and_float64_none():
 
 
 def walking(count):
-    machine = load_preset("chapter")
-    world = edge_map(Area(-60, -60, 60, 60), machine.labels)
-    return Walk(populate(count, 1, 1, machine, world), machine, world, (walker(),), 1 / 24)
+    return shot(*chapter(Area(-60, -60, 60, 60)), ONE, count, 1)
 
 
 def test_rows_have_the_same_truth_and_the_default_misses_nobody():

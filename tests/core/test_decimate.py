@@ -8,6 +8,8 @@ from crowd_lod_extension.crowd_lod.simplification.collapse_choice import quadric
 from crowd_lod_extension.crowd_lod.simplification.decimate import Decimation, decimate
 from crowd_lod_extension.crowd_lod.simplification.triangle_mesh import constrained_edges
 
+from ..support.bodies import ball
+
 pytestmark = pytest.mark.once
 
 pytest.importorskip("fast_simplification")
@@ -94,25 +96,11 @@ def test_empty_and_nan_meshes_are_named():
 
 
 def sphere(n=40):
-    """A closed sphere of 2 n (n - 1) triangles with bumps, (points, triangles)."""
-    u, v = np.meshgrid(
-        np.arange(n) * 2 * np.pi / n, np.arange(1, n // 2) * 2 * np.pi / n, indexing="ij"
-    )
-    r = 1 + 0.1 * np.sin(3 * u) * np.sin(v) ** 3
-    ring = np.stack([r * np.cos(u) * np.sin(v), r * np.sin(u) * np.sin(v), np.cos(v)], -1)
-    i = np.arange(ring.shape[0] * ring.shape[1]).reshape(ring.shape[:2])
-    a = i[:, :-1]
-    b = np.roll(i, -1, 0)[:, :-1]
-    c = np.roll(i, -1, 0)[:, 1:]
-    d = i[:, 1:]
-    sides = [np.stack(t, -1).reshape(-1, 3) for t in ((a, d, c), (a, c, b))]
-    top = i.size
-    bottom = i.size + 1
-    caps = [np.stack([0 * i[:, 0] + top, i[:, 0], np.roll(i[:, 0], -1)], -1)]
-    caps += [np.stack([0 * i[:, 0] + bottom, np.roll(i[:, -1], -1), i[:, -1]], -1)]
-    return np.vstack([ring.reshape(-1, 3), [(0, 0, 1), (0, 0, -1)]]), np.concatenate(
-        [*sides, *caps]
-    )
+    """A closed sphere of n (n - 2) triangles with bumps, (points, triangles)."""
+    points, triangles = ball(n, n // 2 - 1)
+    x, y, _ = points.T
+    bumps = 1 + 0.1 * np.sin(3 * np.arctan2(y, x)) * np.hypot(x, y) ** 3
+    return points * np.column_stack([bumps, bumps, np.ones_like(bumps)]), triangles
 
 
 def terrain(n=30):

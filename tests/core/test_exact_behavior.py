@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behavior.exact_walk import walk
 from crowd_lod_extension.crowd_lod.behavior.plain_step import advance
-from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.validation import exact_behavior
 from crowd_lod_extension.crowd_lod.validation.exact_behavior import follow_exactly
 from crowd_lod_extension.crowd_lod.world.first_frame import populate
-from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap, edge_map
+from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap
 
 from ..support.crowds import crowd_at
 from ..support.machines import (
@@ -21,11 +20,11 @@ from ..support.machines import (
     random_machine,
     random_world,
 )
+from ..support.shots import chapter
 
 
 def test_the_judge_knows_the_chapters_walk_in_closed_form():
-    machine = load_preset("chapter")
-    world = edge_map(Area(0, 0, 64, 1), machine.labels)
+    machine, world = chapter(Area(0, 0, 64, 1))
     crowd = populate(20, 3, 1, machine, world)
     for seconds in (0.3, 40.0, 1234.5):
         truth = follow_exactly(crowd, machine, world, seconds)

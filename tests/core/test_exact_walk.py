@@ -16,6 +16,7 @@ from crowd_lod_extension.sample_scenes import plaza_map
 from ..support.convergence import measure_convergence
 from ..support.crowds import crowd_at
 from ..support.machines import TO_AND_FRO, machine_of, random_machine, random_world
+from ..support.shots import chapter
 
 pytestmark = pytest.mark.once
 
@@ -26,8 +27,7 @@ def sentence_of(found):
 
 
 def test_exact_walk_of_the_chapter_has_a_closed_form():
-    machine = load_preset("chapter")
-    world = edge_map(Area(0, 0, 64, 1), machine.labels)
+    machine, world = chapter(Area(0, 0, 64, 1))
     crowd = populate(1000, 3, 1, machine, world)
     for seconds in (0.3, 40.0, 1234.5):
         moved, chatters = walk(crowd, machine, world, seconds)
@@ -140,8 +140,7 @@ def test_agents_stuck_at_the_edge_or_on_a_label_are_found_and_those_at_rest_are_
 
 
 def test_a_crowd_that_walks_is_in_no_trouble():
-    machine = load_preset("chapter")
-    world = edge_map(Area(0, 0, 30, 30), machine.labels)
+    machine, world = chapter(Area(0, 0, 30, 30))
     assert trouble(populate(500, 1, 1, machine, world), machine, world) == ()
 
 

@@ -6,15 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import Action, Group
 from crowd_lod_extension.crowd_lod.crowd.paces import mixed_in, step_name
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.sources.several import Several
-from crowd_lod_extension.crowd_lod.world.first_frame import populate
 from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap
 
 from ..support.machines import machine_of, same
+from ..support.shots import shot
 
 PLAIN = LabelMap(np.zeros((1, 1), np.uint8), Area(0, 0, 1000, 1000))
 FPS = 24
@@ -46,7 +45,7 @@ def walker(machine):
 
 def walk(states=STATES, count=300, **changes):
     machine = machine_of(states, **changes)
-    return Walk(populate(count, 1, 1, machine, PLAIN), machine, PLAIN, (walker(machine),), 1 / FPS)
+    return shot(machine, PLAIN, (walker(machine),), count, 1)
 
 
 def actions_shown(trajectory, crowd):

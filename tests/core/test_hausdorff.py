@@ -7,6 +7,8 @@ import pytest
 from crowd_lod_extension.crowd_lod.simplification import hausdorff
 from crowd_lod_extension.crowd_lod.simplification.moving_surface import MovingSurface
 
+from ..support.bodies import ball
+
 
 def away(points, corners):
     """(k, m) distances of points (k, 3) to triangles (m, 3, 3): by the plane where the foot is
@@ -60,24 +62,6 @@ def moving(points, triangles):
     return MovingSurface(points, triangles, find)
 
 
-def ball(rings, segments):
-    theta, phi = np.meshgrid(
-        np.linspace(0.1, np.pi - 0.1, rings),
-        np.linspace(0, 2 * np.pi, segments, endpoint=False),
-        indexing="ij",
-    )
-    points = np.stack(
-        [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1
-    ).reshape(-1, 3)
-    a = np.arange(rings * segments).reshape(rings, segments)
-    b = a[1:]
-    c = np.roll(a[1:], -1, axis=1)
-    d = np.roll(a[:-1], -1, axis=1)
-    return points, np.concatenate(
-        [np.stack(each, -1).reshape(-1, 3) for each in ((a[:-1], b, c), (a[:-1], c, d))]
-    )
-
-
 @pytest.mark.once
 @pytest.mark.parametrize(
     ("seed", "tolerance"), [(0, 0.1), (0, 0.01), (1, 0.01), (2, 0.01), (3, 0.01)]
@@ -89,8 +73,8 @@ def test_the_true_distance_over_all_poses_lies_in_the_interval(seed, tolerance, 
     monkeypatch.setattr(hausdorff, "TOLERANCE", tolerance)
     random = np.random.default_rng(seed)
     surfaces = []
-    for rings, segments in ((8, 10), (5, 6)):
-        points, triangles = ball(rings, segments)
+    for around, along in ((10, 8), (6, 5)):
+        points, triangles = ball(around, along)
         points = points * (1, 1, 3) + random.normal(scale=0.02, size=points.shape)
         upper = (points[:, 2] / 2 + 0.5 + random.normal(scale=0.03, size=len(points))).clip(0, 1)
         poses = []
@@ -125,9 +109,8 @@ def test_a_map_of_one_pose_that_says_too_much_in_another_is_found_anew():
     """Two fingers that touch at first: what is nearest then is on the wrong one, and a meter off
     when they part.
     """
-    one, faces = ball(6, 8)
-    low, _ = ball(6, 8)
-    both = np.concatenate([one, low + (2.001, 0, 0)])
+    one, faces = ball(8, 6)
+    both = np.concatenate([one, one + (2.001, 0, 0)])
     triangles = np.concatenate([faces, faces + len(one)])
     apart = both + np.repeat([(0, 0, 0), (1.0, 0, 0)], len(one), axis=0)
     points = np.stack([both, apart], axis=1)
@@ -143,7 +126,7 @@ def test_a_map_of_one_pose_that_says_too_much_in_another_is_found_anew():
 
 
 def test_equal_surfaces_are_off_by_no_more_than_the_floor():
-    points, triangles = ball(6, 8)
+    points, triangles = ball(8, 6)
     found = hausdorff.bound_distance(
         *(moving(points[:, None], each) for each in (triangles, triangles[::-1]))
     )

@@ -5,8 +5,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.behavior.walk import Walk
-from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.culling.camera import lens_blur
 from crowd_lod_extension.crowd_lod.culling.occluders import join_occluders
 from crowd_lod_extension.crowd_lod.culling.shutter import open_shutter
@@ -16,10 +14,9 @@ from crowd_lod_extension.crowd_lod.frame.reasons import Reason, reasons
 from crowd_lod_extension.crowd_lod.frame.shadows import Surroundings, surround
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 from crowd_lod_extension.crowd_lod.output.tables import row
-from crowd_lod_extension.crowd_lod.world.first_frame import populate
-from crowd_lod_extension.crowd_lod.world.maps import Area, edge_map
+from crowd_lod_extension.crowd_lod.world.maps import Area
 
-from ..support.crowds import walker
+from ..support.shots import ONE, chapter, shot
 from ..support.streets import blocked_by_boxes, box_mesh, find_seen, looking, pictured
 from .test_shadows import hidden_from
 
@@ -35,9 +32,7 @@ GROUND = np.array([(-90.0, -20, 0), (90, 90, 12)])
 @pytest.fixture(scope="module")
 def crowd():
     """People who walk in front of houses, between them and behind them."""
-    machine = load_preset("chapter")
-    world = edge_map(Area(-90, -20, 90, 90), machine.labels)
-    return Walk(populate(1500, 2, 1, machine, world), machine, world, (walker(),), 1 / 24)
+    return shot(*chapter(Area(-90, -20, 90, 90)), ONE, 1500, 2)
 
 
 def planned(crowd, camera, shutter=(), **around):

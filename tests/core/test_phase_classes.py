@@ -14,6 +14,7 @@ from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap
 
 from ..support.crowds import crowd_at, walker
 from ..support.machines import machine_of
+from ..support.shots import shot
 
 PLAIN = LabelMap(np.zeros((1, 1), np.uint8), Area(0, 0, 1000, 1000))
 # walks 1.25 m/s on ground, half as fast on grass, and stands where a wall is
@@ -92,13 +93,7 @@ def test_who_plays_by_time_never_changes_its_class():
     world = LabelMap(
         np.random.default_rng(2).integers(3, size=(40, 40), dtype=np.uint8), Area(0, 0, 80, 80)
     )
-    trajectory = Walk(
-        populate(4000, 3, 1, machine, world),
-        machine,
-        world,
-        (Group("idler", 0.9, 1.0, 0.0, 1.7),),
-        1 / 24,
-    )
+    trajectory = shot(machine, world, (Group("idler", 0.9, 1.0, 0.0, 1.7),), 4000)
     assert (trajectory.at(100).phase_class == trajectory.start.phase_class).all()
     assert (trajectory.at(100).pace != trajectory.start.pace).any()
 
@@ -138,7 +133,7 @@ def waiting(action="idle", **changes):
 
 def test_each_state_plays_its_action_at_its_own_rate():
     machine = waiting()
-    trajectory = Walk(populate(500, 1, 1, machine, PLAIN), machine, PLAIN, (IDLES,), 1 / 24)
+    trajectory = shot(machine, PLAIN, (IDLES,), 500, 1)
     gaits = trajectory.gaits
     seen = set()
     assert gaits.actions == ("", "idle") and gaits.plays == (
@@ -166,7 +161,7 @@ def test_each_state_plays_its_action_at_its_own_rate():
 
 def test_agents_that_wait_are_not_in_step():
     machine = waiting()
-    trajectory = Walk(populate(3000, 1, 1, machine, PLAIN), machine, PLAIN, (IDLES,), 1 / 24)
+    trajectory = shot(machine, PLAIN, (IDLES,), 3000, 1)
     crowd = trajectory.at(100)
     share = np.bincount(crowd.phase_class[crowd.state == 1], minlength=16) / np.count_nonzero(
         crowd.state == 1
@@ -201,4 +196,4 @@ def test_who_stands_at_the_edge_of_the_map_keeps_its_action():
 def test_an_action_that_was_not_measured_is_named():
     machine = waiting("dance")
     with pytest.raises(CrowdError, match="action dance.*walker.*Populate"):
-        Walk(populate(5, 1, 1, machine, PLAIN), machine, PLAIN, (IDLES,), 1 / 24)
+        shot(machine, PLAIN, (IDLES,), 5, 1)

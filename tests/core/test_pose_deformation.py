@@ -8,6 +8,8 @@ from crowd_lod_extension.crowd_lod.simplification.decimate import decimate
 from crowd_lod_extension.crowd_lod.simplification.pose_deformation import Copies, Skin, frames_of
 from crowd_lod_extension.crowd_lod.simplification.surface_fit import SurfaceFit
 
+from ..support.bodies import drum
+
 
 def turn(angle):
     """Matrices (..., 3, 3) about x."""
@@ -20,31 +22,10 @@ def turn(angle):
     )
 
 
-def tube(rings=40, around=24):
+def tube(around=24, along=40):
     """A closed upright tube of radius 0.1 from z = -1 to 1."""
-    angle = np.linspace(0, 2 * np.pi, around, endpoint=False)
-    side = [
-        np.column_stack([0.1 * np.cos(angle), 0.1 * np.sin(angle), np.full(around, z)])
-        for z in np.linspace(-1, 1, rings)
-    ]
-    points = np.concatenate([*side, [[0, 0, -1], [0, 0, 1]]])
-    i, j = (
-        grid.ravel() for grid in np.meshgrid(np.arange(rings - 1), np.arange(around), indexing="ij")
-    )
-    k = (j + 1) % around
-    low = len(points) - 2
-    high = len(points) - 1
-    a = i * around + j
-    b = i * around + k
-    c = (i + 1) * around + j
-    d = (i + 1) * around + k
-    first = np.arange(around)
-    last = np.arange(around) + (rings - 1) * around
-    caps = [
-        np.column_stack([np.roll(first, -1), first, np.full(around, low)]),
-        np.column_stack([last, np.roll(last, -1), np.full(around, high)]),
-    ]
-    return points, np.concatenate([np.column_stack([a, b, d]), np.column_stack([a, d, c]), *caps])
+    points, triangles = drum(around, along)
+    return points * (0.1, 0.1, 1), triangles
 
 
 def bent(points, angles, blend=0.3):
@@ -160,7 +141,7 @@ def test_copies_lie_apart_and_what_all_of_them_ask_for_comes_back_to_rest():
 @pytest.mark.once
 def test_moves_bring_a_lod_nearer_in_all_its_poses():
     points, triangles = tube()
-    some, lod = tube(14, 8)
+    some, lod = tube(8, 14)
     skin = bent(points, [0.9, 1.8])
     collapse_map = np.linalg.norm(points[:, None] - some, axis=2).argmin(axis=1)
     follows = np.linalg.norm(points - some[:, None], axis=2).argmin(axis=1)

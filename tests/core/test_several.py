@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.behavior.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS
 from crowd_lod_extension.crowd_lod.culling.volumes import Light
 from crowd_lod_extension.crowd_lod.errors import CrowdError
@@ -13,13 +12,12 @@ from crowd_lod_extension.crowd_lod.frame.reasons import Reason, reasons
 from crowd_lod_extension.crowd_lod.frame.shadows import Surroundings, surround
 from crowd_lod_extension.crowd_lod.sources.several import Several
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
-from crowd_lod_extension.crowd_lod.world.first_frame import populate
 from crowd_lod_extension.crowd_lod.world.height_map import HeightMap
 from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap
 
 from ..support.cameras import straight
 from ..support.crowds import walker
-from ..support.shots import IDLER, POLICY, full_plan, known, machine, walking
+from ..support.shots import IDLER, POLICY, full_plan, known, machine, shot, walking
 
 GROUPS = (walker(), IDLER, walker(stride=0.7))
 BESIDE = Area(30, 20, 70, 60, 2.0)
@@ -27,8 +25,7 @@ BESIDE = Area(30, 20, 70, 60, 2.0)
 
 def walk(table, area, count, seed, heights=None):
     world = LabelMap(np.random.default_rng(seed).integers(0, 2, (7, 9)).astype(np.uint8), area)
-    start = populate(count, seed, len(GROUPS), table, world)
-    return Walk(start, table, world, GROUPS, 1 / 24, heights=heights)
+    return shot(table, world, GROUPS, count, seed, heights=heights)
 
 
 def several(edge="clamp", heights=None, shown=(True, True, True)):

@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window, lens_blur
+from crowd_lod_extension.crowd_lod.culling.camera import Window, lens_blur
 from crowd_lod_extension.crowd_lod.culling.radar import radar
 from crowd_lod_extension.crowd_lod.culling.volumes import (
     Light,
@@ -233,15 +233,8 @@ def test_buckets_hold_each_agent_once_at_their_lod_and_do_not_depend_on_what_was
 def test_a_box_of_what_is_there_ends_the_shadows_of_a_low_sun():
     trajectory = shot()
     policy = LevelPolicy((0.3, 0.6))
-    camera = Camera(
-        "PERSP",
-        np.array([0, -5, 2.0]),
-        *np.eye(3)[[0, 2, 1]],
-        Window(-0.3, 0.3, -0.2, 0.2),
-        0.1,
-        60,
-        (100, 100),
-    )
+    camera = straight(60.0, offset=(0, -5, 2))
+    camera = replace(camera, window=Window(-0.3, 0.3, -0.2, 0.2), near=0.1)
     frame = plan(trajectory, camera, policy, 1)
     low = Light(None, np.array([0.999, 0, -0.0447]), angle=0.005)
     scene = Surroundings(lights=(low,), box=np.array([(-60, -60, -1), (60, 160, 0.0)]))

@@ -7,6 +7,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.simplification import rasterizer
 from crowd_lod_extension.crowd_lod.validation import silhouette
 
+from ..support.bodies import ball
 from ..support.cameras import straight
 
 pytestmark = pytest.mark.once
@@ -78,25 +79,12 @@ def test_what_is_outside_lies_as_far_from_the_other_area_as_by_brute_force(seed)
     assert (silhouette.outside(one, np.zeros_like(one))[2] == np.inf).all()
 
 
-def ball(radius, n=32):
-    theta, phi = np.meshgrid(
-        np.linspace(0, np.pi, n), np.linspace(0, 2 * np.pi, 2 * n), indexing="ij"
-    )
-    points = radius * np.stack(
-        [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1
-    ).reshape(-1, 3)
-    i = np.arange((n - 1) * 2 * n).reshape(-1, 2 * n)[:, :-1].ravel()
-    return points, np.concatenate(
-        [np.stack([i, i + 1, i + 2 * n], 1), np.stack([i + 1, i + 2 * n + 1, i + 2 * n], 1)]
-    )
-
-
 @pytest.mark.once
 @pytest.mark.parametrize("kind, distance", [("PERSP", 5.0), ("ORTHO", 8.0)])
 def test_a_smaller_ball_s_outline_lies_inside_by_what_optics_says(kind, distance):
     camera = replace(straight(kind=kind), pixels=(400, 400))
-    large = ball(1.0)
-    small = ball(0.9)
+    large = ball(63, 30)
+    small = ball(63, 30, 0.9)
     unit = camera.pixels_per_unit
     # the outline of a sphere of radius r: the cone of half angle asin(r / d)
     seen = [unit * (r if kind == "ORTHO" else r / np.sqrt(distance**2 - r * r)) for r in (1.0, 0.9)]
@@ -110,10 +98,10 @@ def test_a_smaller_ball_s_outline_lies_inside_by_what_optics_says(kind, distance
 
 @pytest.mark.parametrize("expected", [0.05, 2.0])
 def test_a_small_error_is_measured_finer_and_a_large_one_coarser(expected):
-    large = ball(1.0)
+    large = ball(63, 30)
     camera = replace(straight(), pixels=(2000, 2000))
     away = 1000 * 0.02 / expected
-    least, most = silhouette.error(large, ball(0.98), np.zeros(3), away, camera, expected)
+    least, most = silhouette.error(large, ball(63, 30, 0.98), np.zeros(3), away, camera, expected)
     assert least <= 1000 / np.sqrt(away**2 - 1) - 980 / np.sqrt(away**2 - 0.98**2) <= most
 
 

@@ -16,16 +16,17 @@ from crowd_lod_extension.crowd_lod.animation.skinning import (
     strongest,
 )
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
-from crowd_lod_extension.crowd_lod.crowd.agents import Crowd, Group
-from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
-from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
+from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.frame.reasons import Reason, reasons
 from crowd_lod_extension.crowd_lod.levels.assignment import Bias, LevelPolicy
 from crowd_lod_extension.crowd_lod.world.height_map import HeightMap
-from crowd_lod_extension.crowd_lod.world.maps import Area, edge_map
+from crowd_lod_extension.crowd_lod.world.maps import Area
 
+from ..support.cameras import narrow
+from ..support.crowds import crowd_at
 from ..support.rotations import stance
+from ..support.shots import chapter
 
 RANDOM = np.random.default_rng(3)
 TETRAHEDRON = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], np.float32)
@@ -125,19 +126,10 @@ PLAIN = LevelPolicy((0.25, 0.5))
 
 
 def planned(bias=None, policy=PLAIN):
-    x = np.array([0.0, 0.0, 0.0, 30.0, 0.0, 0.0])
-    y = np.array([5.0, 25.0, 80.0, 10.0, -3.0, 8.0])
-    n = len(x)
-    zeros = np.zeros(n, np.float32)
-    crowd = Crowd(x, y, np.zeros(n), zeros, zeros.astype(np.uint8), zeros.astype(np.uint8), zeros)
-    axes = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, 1.0, 0]])
-    camera = Camera(
-        "PERSP", np.array([0.0, 0, 1]), *axes, Window(-0.4, 0.4, -0.3, 0.3), 0.5, 40.0, (640, 480)
-    )
-    machine = load_preset("chapter")
+    crowd = crowd_at([(0, 5, 0), (0, 25, 0), (0, 80, 0), (30, 10, 0), (0, -3, 0), (0, 8, 0)])
     groups = (Group("one", 0.9, 1.0, 0.0, 1.0),)
-    world = edge_map(Area(-100, -100, 100, 100), machine.labels)
-    return plan(Walk(crowd, machine, world, groups, 1 / 24), camera, policy, 1, (), bias)
+    walk = Walk(crowd, *chapter(Area(-100, -100, 100, 100)), groups, 1 / 24)
+    return plan(walk, narrow(), policy, 1, (), bias)
 
 
 def test_each_agent_has_its_reason():

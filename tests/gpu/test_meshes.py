@@ -20,6 +20,7 @@ from crowd_lod_extension.operators.viewport.skinned_characters import bake_chara
 from mathutils import Matrix, kdtree
 
 from ..support.coarse_characters import coarsen
+from ..support.objects import mesh_of
 from ..support.rotations import stance
 
 WIDTH = 640
@@ -72,10 +73,8 @@ def scene():
 
 
 def tetrahedron(name, size):
-    mesh = bpy.data.meshes.new(name)
     points = [(0, 0, 0), (size, 0, 0), (0, size, 0), (0, 0, size)]
-    mesh.from_pydata(points, [], [(0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)])
-    return mesh
+    return mesh_of(name, points, [(0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)])
 
 
 def homes(scene, group):

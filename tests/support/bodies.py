@@ -26,3 +26,12 @@ def drum(around, along):
         np.column_stack([last, np.roll(last, -1), np.full(around, len(points) - 1)]),
     ]
     return points, np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d]), *caps])
+
+
+def ball(around, along, radius=1.0):
+    """A closed ball about the origin: `along` rings of `around` vertices, and two poles."""
+    points, triangles = drum(around, along)
+    up = points[:, 2:] * np.pi / 2 * (along - 1) / (along + 1)
+    points = np.concatenate([np.cos(up) * points[:, :2], np.sin(up)], axis=1)
+    points[-2:, 2] = -1, 1
+    return radius * points, triangles

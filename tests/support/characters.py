@@ -7,6 +7,8 @@ import bpy
 import numpy as np
 from crowd_lod_extension.operators.blender.materials import switch_nodes_on
 
+from .objects import placed
+
 
 def tube(
     name: str,
@@ -51,8 +53,7 @@ def rig(name: str = "rig") -> bpy.types.Object:
     """An armature with a lower and an upper bone; the upper one bends forward from frame 1 to
     10.
     """
-    armature = bpy.data.objects.new(name, bpy.data.armatures.new(name))
-    bpy.context.scene.collection.objects.link(armature)
+    armature = placed(name, bpy.data.armatures.new(name))
     bpy.context.view_layer.objects.active = armature
     bpy.ops.object.mode_set(mode="EDIT")
     for bone, low, high in (("lower", 0, 1), ("upper", 1, 2)):
@@ -107,18 +108,6 @@ def edited(armature: bpy.types.Object) -> Iterator[bpy.types.ArmatureEditBones]:
 
 def new(name: str, data) -> bpy.types.Object:
     return bpy.data.objects.new(name, data)
-
-
-def box(name: str, low, high) -> bpy.types.Object:
-    """A box mesh between two corners, in the scene."""
-    x, y, z = zip(low, high, strict=True)
-    corners = [(x[i], y[j], z[k]) for i in (0, 1) for j in (0, 1) for k in (0, 1)]
-    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    mesh = bpy.data.meshes.new(name)
-    mesh.from_pydata(corners, [], faces)
-    item = new(name, mesh)
-    bpy.context.scene.collection.objects.link(item)
-    return item
 
 
 def painted(name, image, coordinates=None):

@@ -36,3 +36,14 @@ def nodes_modifier(item):
     for kind, (value, _) in INPUTS.items():
         set_node_input(modifier, kind, value)
     return modifier
+
+
+def geometry_nodes(item, *kinds):
+    """The node group of a new modifier of `item`, its input, a node of each of these kinds, and its
+    output.
+    """
+    group = bpy.data.node_groups.new("Nodes", "GeometryNodeTree")
+    for way in ("INPUT", "OUTPUT"):
+        group.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
+    item.modifiers.new("Nodes", "NODES").node_group = group
+    return group, *map(group.nodes.new, ("NodeGroupInput", *kinds, "NodeGroupOutput"))

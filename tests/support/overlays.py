@@ -6,14 +6,17 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
-from crowd_lod_extension.crowd_lod.crowd.agents import Crowd, Group
-from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
-from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
+from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
-from crowd_lod_extension.crowd_lod.world.maps import Area, edge_map
+from crowd_lod_extension.crowd_lod.world.maps import Area
 from crowd_lod_extension.operators.viewport import viewport_overlay
 from crowd_lod_extension.operators.viewport.draw_data import Style, drawing
+
+from .cameras import narrow
+from .crowds import crowd_at
+from .objects import mesh_of, placed
+from .shots import chapter
 
 GROUPS = (Group("adult", 0.9, 1.0, 0.0, 1.0), Group("child", 0.6, 0.7, 0.0, 1.0))
 
@@ -36,20 +39,9 @@ AGENTS = (
 def planned(shift=(0.0, 0.0, 0.0)):
     """The drawing of AGENTS, all of it moved by `shift`."""
     feet = np.array([at for at, _, _ in AGENTS]) + shift
-    n = len(AGENTS)
-    crowd = Crowd(
-        *np.ascontiguousarray(feet.T),
-        heading=np.zeros(n, np.float32),
-        state=np.zeros(n, np.uint8),
-        group=np.array([group for _, group, _ in AGENTS], np.uint8),
-        phase_class=np.zeros(n, np.uint8),
-    )
-    machine = load_preset("chapter")
-    world = edge_map(Area(-50, -50, 50, 50), machine.labels)
-    eye = np.array([0.0, 0.0, 1.0]) + shift
-    axes = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, 1.0, 0]])
-    camera = Camera("PERSP", eye, *axes, Window(-0.4, 0.4, -0.3, 0.3), 0.5, 40.0, (640, 480))
-    frame = plan(Walk(crowd, machine, world, GROUPS, 1 / 24), camera, POLICY, 1)
+    crowd = crowd_at(feet, [group for _, group, _ in AGENTS])
+    walk = Walk(crowd, *chapter(Area(-50, -50, 50, 50)), GROUPS, 1 / 24)
+    frame = plan(walk, narrow(shift), POLICY, 1)
     what = drawing(frame)
     drawing(frame, Style("BOXES"))
     assert "levels" not in vars(frame)  # those of all agents, whom neither shows
@@ -69,17 +61,12 @@ def populated(count, **heights):
     characters = bpy.data.collections.new("characters")
     scene.collection.children.link(characters)
     for name, height in heights.items():
-        mesh = bpy.data.meshes.new(name)
-        mesh.from_pydata(
-            [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, height)],
-            [],
-            [(0, 1, 2), (0, 1, 3), (1, 2, 3), (2, 0, 3)],
-        )
-        characters.objects.link(bpy.data.objects.new(name, mesh))
-    camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
+        points = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, height)]
+        faces = [(0, 1, 2), (0, 1, 3), (1, 2, 3), (2, 0, 3)]
+        placed(name, mesh_of(name, points, faces), characters)
+    camera = placed("camera", bpy.data.cameras.new("camera"), scene.collection)
     camera.location = (0, -40, 2)
     camera.rotation_euler = (1.5708, 0, 0)
-    scene.collection.objects.link(camera)
     scene.camera = camera
     scene.crowd_lod.characters = characters
     scene.crowd_lod.count = count

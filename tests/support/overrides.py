@@ -7,6 +7,7 @@ import bpy
 import numpy as np
 from crowd_lod_extension.crowd_lod.shot import plan_file
 
+from .objects import box_mesh, placed
 from .scene_frames import frame_now
 
 FRAMES = range(1, 13)
@@ -31,14 +32,10 @@ def press(scene, agent: int, *types: str) -> None:
         assert bpy.ops.crowd_lod.override_agent(type=type_) == {"FINISHED"}
 
 
-def cube(scene, low=(-5, -8, -1), high=(9, 0, 1), name="Region"):
+def cube(low=(-5, -8, -1), high=(9, 0, 1), name="Region"):
     """A mesh whose box is the world's from `low` to `high`."""
-    mesh = bpy.data.meshes.new(name)
-    mesh.from_pydata([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], [], [])
-    item = bpy.data.objects.new(name, mesh)
-    item.location = (np.array(low) + high) / 2
-    item.scale = (np.array(high) - low) / 2
-    scene.collection.objects.link(item)
+    mesh = box_mesh(name, (-1, -1, -1), (1, 1, 1))
+    item = placed(name, mesh, location=(np.array(low) + high) / 2, scale=(np.array(high) - low) / 2)
     bpy.context.view_layer.update()
     return item
 

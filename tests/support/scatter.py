@@ -4,10 +4,11 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
+from .nodes import geometry_nodes
+from .objects import mesh_of, placed
 
-def scatter(
-    scene, count=60, instances=False, attributes=(), where=(0.0, 0.0, 0.0)
-) -> bpy.types.Object:
+
+def scatter(count=60, instances=False, attributes=(), where=(0.0, 0.0, 0.0)) -> bpy.types.Object:
     """Return an object with `count` points in a row along x, which move by (0, 1, 0) meters a
     second.
 
@@ -15,8 +16,7 @@ def scatter(
     attributes: (name, data type, values) that the points get.
     where: the location of the object, which is turned by a right angle and twice as large.
     """
-    mesh = bpy.data.meshes.new("Scatter")
-    mesh.from_pydata([(0.5 * k - count / 4, 0, 0) for k in range(count)], [], [])
+    mesh = mesh_of("Scatter", [(0.5 * k - count / 4, 0, 0) for k in range(count)])
     for name, kind, values in attributes:
         own = mesh.attributes.new(name, kind, "POINT").data
         if kind == "STRING":
@@ -24,24 +24,14 @@ def scatter(
                 each.value = value.encode()
         else:
             own.foreach_set("vector" if kind == "FLOAT_VECTOR" else "value", np.ravel(values))
-    item = bpy.data.objects.new("Scatter", mesh)
-    scene.collection.objects.link(item)
+    item = placed("Scatter", mesh)
     item.matrix_world = (
         Matrix.Translation(where) @ Matrix.Rotation(np.pi / 2, 4, "Z") @ Matrix.Scale(2, 4)
     )
-    item.modifiers.new("Nodes", "NODES").node_group = _nodes(instances)
-    return item
-
-
-def _nodes(instances: bool) -> bpy.types.NodeTree:
-    tree = bpy.data.node_groups.new("Scatter", "GeometryNodeTree")
-    for way in ("INPUT", "OUTPUT"):
-        tree.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
-    (inside, outside, move, points, along, clock) = (
-        tree.nodes.new(kind)
-        for kind in ("NodeGroupInput", "NodeGroupOutput", "GeometryNodeSetPosition", "GeometryNodeMeshToPoints",
-                     "ShaderNodeCombineXYZ", "GeometryNodeInputSceneTime")
-    )  # fmt: skip
+    kinds = "MeshToPoints", "SetPosition", "InputSceneTime"
+    tree, inside, points, move, clock, along, outside = geometry_nodes(
+        item, *(f"GeometryNode{kind}" for kind in kinds), "ShaderNodeCombineXYZ"
+    )
     link = tree.links.new
     link(inside.outputs[0], points.inputs[0])
     link(points.outputs[0], move.inputs[0])
@@ -64,4 +54,4 @@ def _nodes(instances: bool) -> bpy.types.NodeTree:
         link(turn.outputs[0], place.inputs["Rotation"])
         made = place.outputs[0]
     link(made, outside.inputs[0])
-    return tree
+    return item

@@ -7,12 +7,12 @@ from unittest.mock import patch
 
 import numpy as np
 from crowd_lod_extension.crowd_lod.behavior.walk import Walk
-from crowd_lod_extension.crowd_lod.crowd.state_machine import parse
+from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset, parse
 from crowd_lod_extension.crowd_lod.frame.frame import plan
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 from crowd_lod_extension.crowd_lod.world import morton_order
 from crowd_lod_extension.crowd_lod.world.first_frame import populate
-from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap
+from crowd_lod_extension.crowd_lod.world.maps import Area, LabelMap, edge_map
 
 from .crowds import walker
 
@@ -35,6 +35,12 @@ def machine(states=None, edge="clamp"):
     return parse(
         json.dumps({"version": 1, "edge": edge, "labels": labels, "states": states}), "test"
     )
+
+
+def chapter(area):
+    """The state machine of the thesis' chapter, and the map of an area at whose edges it turns."""
+    table = load_preset("chapter")
+    return table, edge_map(area, table.labels)
 
 
 def walking(edge="clamp", turn="on"):
