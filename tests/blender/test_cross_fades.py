@@ -24,7 +24,8 @@ from ..support.scene_frames import frame_now
 from .test_actions import STATES, levelled, name_actions, waiting  # noqa: F401
 from .test_rigs import instances
 
-pytestmark = pytest.mark.once  # long, and the same on every Blender
+# long, and the same on every Blender; how near LODs come is no matter
+pytestmark = [pytest.mark.once, pytest.mark.usefixtures("rough_lods")]
 FADING = {name: state | {"fade": 0.8} for name, state in STATES.items()}
 NEAR = 1e-4 * 1.9  # of the adult's diagonal
 
