@@ -46,6 +46,7 @@ def one_sided():
 
 OPAQUE = {
     "none": lambda: None,
+    "new": lambda: bpy.data.materials.new("shown"),  # without nodes in Blender 4.5
     "principled": lambda: made_of("ShaderNodeBsdfPrincipled")[0],
     "a stray transparent node": lambda: stray("ShaderNodeBsdfTransparent"),
     "a stray glass node": lambda: stray("ShaderNodeBsdfGlass"),
@@ -77,3 +78,13 @@ def test_what_lets_rays_through_hides_nothing(name):
 
 def test_what_shows_one_side_hides_on_that_side_alone():
     assert is_opaque(one_sided()) and not hides_in_all_engines(one_sided())
+
+
+@pytest.mark.parametrize("method", ["BUMP", "DISPLACEMENT", "BOTH"])
+def test_a_surface_that_is_moved_hides_nothing_for_sure_and_bumps_move_none(method):
+    material, _ = made_of("ShaderNodeBsdfPrincipled")
+    material.displacement_method = method
+    tree = material.node_tree
+    moves = tree.nodes.new("ShaderNodeDisplacement").outputs[0]
+    tree.links.new(moves, tree.get_output_node("ALL").inputs["Displacement"])
+    assert is_opaque(material) and hides_in_all_engines(material) == (method == "BUMP")

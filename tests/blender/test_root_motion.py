@@ -9,7 +9,7 @@ from crowd_lod_extension.crowd_lod.format import number
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import root_motion
 from crowd_lod_extension.operators.blender.animation import curves_of
-from crowd_lod_extension.operators.blender.named_actions import own_performance
+from crowd_lod_extension.operators.blender.named_actions import own_performance, performance_of
 from crowd_lod_extension.operators.scene.characters.character_extent import posing
 from crowd_lod_extension.operators.scene.characters.character_notes import notes_on_actions
 from crowd_lod_extension.operators.scene.characters.group_measuring import measure_groups
@@ -167,6 +167,17 @@ def test_whoever_plays_an_action_by_name_loses_its_way_and_that_of_its_parent():
     taken = root_motion.of_action(player, [item], action, slot.handle, (1, LAST)).travels
     places = [(each.owner.name, each.path, each.index) for each in taken]
     assert {name for name, *_ in places} == {"rig", "holder"} and len({*places}) == len(places)
+
+
+def test_an_action_plays_by_the_slot_that_has_its_curves():
+    _, item = walker()
+    on_root_bone()
+    data = bpy.data.objects["rig"].animation_data
+    slot = data.action_slot
+    slot.name_display = "other"
+    empty = data.action.slots.new("OBJECT", "rig")
+    (_, part) = performance_of("someone", [item], [data.action.name]).parts
+    assert part.handle == slot.handle != empty.handle
 
 
 def test_who_sits_down_or_shifts_a_little_is_left_alone():

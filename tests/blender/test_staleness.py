@@ -4,8 +4,12 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
+from crowd_lod_extension.crowd_lod.culling.volumes import Light
+from crowd_lod_extension.crowd_lod.frame.shadows import Surroundings
 from crowd_lod_extension.operators.blender import image_data
+from crowd_lod_extension.operators.freshness.bake_frames import cameras_digest, lights_digest
 
+from ..support.cameras import straight
 from ..support.freshness import changed_since_build
 from ..support.objects import lamp
 
@@ -90,3 +94,13 @@ def test_a_bake_tells_what_differs_from_its_frames(two_levels):
     bpy.ops.crowd_lod.remove_build()
     two_levels.crowd_lod.seed += 1
     assert changed_since_build(two_levels) == []
+
+
+@pytest.mark.parametrize(("meters", "counts"), [(1e-3, True), (1e-6, False)])
+def test_of_a_bake_s_cameras_and_lights_rounding_makes_no_difference(meters, counts):
+    def digests(place):
+        lamp = Light(np.array(place), np.array([0, 0, -1.0]))
+        return cameras_digest([straight(offset=place)]), lights_digest(Surroundings((lamp,)))
+
+    for before, now in zip(digests((1, 2, 3.0)), digests((1, 2, 3 + meters)), strict=True):
+        assert (before != now) == counts
