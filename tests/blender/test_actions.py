@@ -11,7 +11,6 @@ import pytest
 from crowd_lod_extension.crowd_lod.animation.skinning import pose, skin
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.blender import scene_data
 from crowd_lod_extension.operators.blender.named_actions import performance_of
 from crowd_lod_extension.operators.build import bake, render_setup
 from crowd_lod_extension.operators.lods import deviation
@@ -23,11 +22,11 @@ from crowd_lod_extension.operators.viewport import skinned_characters
 from crowd_lod_extension.operators.viewport.draw_data import Style, drawing
 from crowd_lod_extension.sample_scenes.characters import make_characters
 
+from ..support.built import bodies, instances, off, standing
 from ..support.coarse_characters import CAGE
 from ..support.objects import placed
 from ..support.rigs import itself
 from ..support.scene_frames import frame_now
-from .test_rigs import instances
 
 pytestmark = pytest.mark.usefixtures("rough_lods")
 STATES = {
@@ -99,22 +98,14 @@ def worst(scene, number):
     many actions they play.
     """
     crowd = trajectory_of(scene).at(number)
-    shown = [points for level, points in instances(scene) if level == 0]
-    off = 0.0
+    shown = bodies(scene)
+    farthest = 0.0
     actions = set()
     for agent, action, phase in agents_of(scene, number):
-        angle = crowd.heading[agent] + scene_data.rotation(scene.crowd_lod.forward)
-        c = np.cos(angle)
-        s = np.sin(angle)
-        points = itself(scene, crowd.group[agent], phase, action) @ np.array(
-            [[c, s, 0], [-s, c, 0], [0, 0, 1]]
-        )
-        points += [crowd.x[agent], crowd.y[agent], crowd.z[agent]]
-        off = max(
-            off, min(abs(other - points).max() for other in shown if other.shape == points.shape)
-        )
+        points = standing(scene, crowd, agent, itself(scene, crowd.group[agent], phase, action))
+        farthest = max(farthest, off(points, shown))
         actions.add(action)
-    return off, len(actions)
+    return farthest, len(actions)
 
 
 def test_live_build_and_bake_show_the_action_of_each_state(ready):
@@ -296,28 +287,14 @@ def test_agents_have_sizes_of_their_own_in_build_bake_and_overlay_and_spheres_ho
     drawn = drawing(plan, Style("MESHES"))
     placed = {tuple(row[:3].round(4)): row[8] for row in drawn.agents}
     for baked in (False, True):
-        shown = [points for level, points in instances(scene) if level == 0]
+        shown = bodies(scene)
         assert len(shown) == len(agents)
         own = agents_of(scene, 50)
         for agent, action, phase in own:
             size = trajectory.scale(crowd, np.array([agent]))[0]
-            angle = crowd.heading[agent] + scene_data.rotation(scene.crowd_lod.forward)
-            c = np.cos(angle)
-            s = np.sin(angle)
-            points = (
-                size
-                * itself(scene, crowd.group[agent], phase, action)
-                @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
-            )
+            points = size * itself(scene, crowd.group[agent], phase, action)
+            assert off(standing(scene, crowd, agent, points), shown) < 2.4e-4
             place = np.array([crowd.x[agent], crowd.y[agent], crowd.z[agent]])
-            assert (
-                min(
-                    abs(other - points - place).max()
-                    for other in shown
-                    if other.shape == points.shape
-                )
-                < 2.4e-4
-            )
             assert placed[tuple((place - plan.camera.origin).astype(np.float32).round(4))] == size
         for points in shown:  # each is within the sphere of one agent
             middle = crowd.places(center, agents)
@@ -348,7 +325,7 @@ def test_only_groups_of_the_crowd_that_names_an_action_need_it(waiting):
     ] == [["", "idle"], [""]]
     list(render_setup.build(read_crowd(scene)))
     scene.frame_set(50)
-    assert len(instances(scene)) == len(
+    assert len([*instances(scene)]) == len(
         frame_now(scene, bpy.context.evaluated_depsgraph_get()).buckets.order
     )
 

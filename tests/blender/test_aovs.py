@@ -53,13 +53,7 @@ def test_each_pixel_holds_what_its_agent_is(built, tmp_path, baked):
     trajectory = trajectory_of(built)
     agents = shown[:, 0].astype(np.intp)
     expected = np.stack(
-        [
-            agents,
-            trajectory.looks[agents],
-            frame.crowd.group[agents],
-            frame.levels[agents],
-        ],
-        axis=1,
+        [agents, trajectory.looks[agents], frame.crowd.group[agents], frame.levels[agents]], axis=1
     )
     assert len(np.unique(agents)) > 20 and len(np.unique(shown[:, 3])) == 3
     np.testing.assert_allclose(shown, expected, atol=1e-6)

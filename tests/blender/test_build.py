@@ -10,6 +10,7 @@ from crowd_lod_extension.operators.lods.make_lods import make_levels
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd, trajectory_of
 from mathutils import Vector
 
+from ..support.built import instances
 from ..support.scene_frames import frame_now
 
 
@@ -32,19 +33,6 @@ def points(scene):
             columns[name] = values.tobytes()
         places[item[shelves.LEVEL]] = columns
     return places
-
-
-def instances(scene):
-    """(LOD, position, heading) of every instance that the depsgraph holds."""
-    depsgraph = bpy.context.evaluated_depsgraph_get()
-    for instance in depsgraph.object_instances:
-        if (
-            instance.is_instance
-            and shelves.LEVEL in instance.parent.original
-            and instance.object.type == "MESH"
-        ):
-            matrix = np.array(instance.matrix_world)
-            yield instance.parent.original[shelves.LEVEL], instance.object.original, matrix
 
 
 def test_instances_stand_where_the_plan_says_as_the_mesh_it_says(built):

@@ -13,7 +13,7 @@ from crowd_lod_extension.operators.freshness.artifacts import to_make_again
 from crowd_lod_extension.operators.scene.characters import character_provenance
 from crowd_lod_extension.operators.viewport import character_cache
 
-from ..support.characters import character, new, rig, skin, tube
+from ..support.characters import character, new, rigged, tube
 from ..support.commands import quietly
 from ..support.freshness import changed_since_build
 from ..support.nodes import nodes_modifier
@@ -36,9 +36,7 @@ def knight():
     """A rig and its mesh, 5.47 m high but for the two empties of an importer that they are
     below.
     """
-    item = new("knight", tube("knight", 6, 4, radius=0.5, height=5.47))
-    armature = rig("knight's rig")
-    skin(item, armature)
+    item, armature = rigged("knight", 6, 4, radius=0.5, height=5.47, rig_name="knight's rig")
     armature.animation_data_clear()
     armature.pose.bones["upper"].rotation_euler = (0, 0, 0)
     armature.parent = placed(
@@ -150,9 +148,7 @@ def test_an_animated_empty_above_moves_the_character_in_all_phases(small_shot):
 
 @pytest.mark.parametrize("link", (False, True))
 def test_the_root_motion_of_a_rig_of_another_file_is_taken_out(small_shot, tmp_path, link):
-    item = new("body", tube("body", 6, 4))
-    armature = rig()
-    skin(item, armature)
+    item, armature = rigged("body", 6, 4)
     armature.parent = new("root", None)
     armature.parent.scale = (0.01,) * 3
     keyed(armature.pose.bones["lower"], "location", (0, 0, 150), 10)
@@ -172,9 +168,7 @@ def depending():
     """A character that depends on much outside of its collection: its objects, and what they depend
     on: (data-block, path, index).
     """
-    item = new("item", tube("item", 4, 3))
-    armature = rig()
-    skin(item, armature)
+    item, armature = rigged("item", 4, 3)
     armature.animation_data_clear()
     grandparent, target_of_target, pointed, inner, driving = (
         placed(name) for name in ("above", "beyond", "pointed", "inner", "driving")

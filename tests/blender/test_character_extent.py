@@ -15,7 +15,7 @@ from crowd_lod_extension.operators.scene.characters import group_measuring, stor
 from crowd_lod_extension.operators.scene.characters.characters import characters_of
 from mathutils import Matrix
 
-from ..support.characters import character, new, rig, skin, tube
+from ..support.characters import character, new, rig, rigged, skin, tube
 from ..support.messages import sentences, told
 from ..support.nodes import geometry_nodes
 from ..support.objects import box_mesh, filmed_from, mesh_of
@@ -261,9 +261,7 @@ def test_a_bump_is_no_displacement():
 def sunk():
     """A crowd of one who stands half in the ground, and bends."""
     scene = bpy.context.scene
-    body = new("body", tube("body", 8, 8))
-    armature = rig()
-    skin(body, armature)
+    body, armature = rigged("body", 8, 8)
     character(body, armature, name="giraffe").instance_offset = (0, 0, 1)
     settings = scene.crowd_lod
     settings.count = 1
@@ -362,9 +360,7 @@ def test_nobody_stands_on_what_is_in_a_hand():
 
 def test_hair_that_is_simulated_stays_within_its_length_of_its_roots():
     """In any order of frames: a simulation would go on from the pose before."""
-    body = new("body", tube("body", 8, 8))
-    armature = rig()
-    skin(body, armature)
+    body, armature = rigged("body", 8, 8)
     character(body, armature)
     hair(body)
     item = next(item for item in body.users_collection[0].objects if item.type == "CURVES")

@@ -7,17 +7,15 @@ from crowd_lod_extension.operators.blender import mesh_data
 from crowd_lod_extension.operators.build.shelves import points_of
 from crowd_lod_extension.operators.scene.characters.characters import characters_of
 
-from ..support.characters import character, new, rig, skin, tube
+from ..support.characters import character, rigged
 from ..support.messages import told
 
 PLACES = {"Anna": (5, 0, 0), "Bert": (-5, 3, 0)}
 
 
 def person(name, place):
-    armature = rig(name)
+    body, armature = rigged(f"{name}'s body", 8, 6, rig_name=name)
     armature.location = place
-    body = new(f"{name}'s body", tube(name, 8, 6))
-    skin(body, armature)
     return armature, body
 
 

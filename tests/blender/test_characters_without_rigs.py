@@ -14,7 +14,8 @@ from crowd_lod_extension.operators.scene.characters.rig_needs import POSES
 from crowd_lod_extension.operators.scene.characters.stored_groups import store_groups
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 
-from ..support.objects import collection, placed
+from ..support.characters import armature_of
+from ..support.objects import collection
 
 
 def props(scene, *objects):
@@ -88,14 +89,8 @@ def test_why_a_character_is_posed_is_said(scene, why):
     elif why == "cloth":
         ball.modifiers.new("Cloth", "CLOTH")
     else:
-        data = bpy.data.armatures.new("rig")
-        rig = placed("rig", data)
-        bpy.context.view_layer.objects.active = rig
-        bpy.ops.object.mode_set(mode="EDIT")
-        bone = data.edit_bones.new("bone")
-        bone.tail = (0, 0, 1)
-        bone.bbone_segments = 4
-        bpy.ops.object.mode_set(mode="OBJECT")
+        rig = armature_of("rig", {"bone": ((0, 0, 0), (0, 0, 1), None)})
+        rig.data.bones["bone"].bbone_segments = 4
         ball.vertex_groups.new(name="bone").add(range(40), 1.0, "REPLACE")
         ball.modifiers.new("rig", "ARMATURE").object = rig
     props(scene, ball)
@@ -110,14 +105,8 @@ def test_bones_that_shear_are_shown_as_near_as_can_be_and_it_is_said(scene):
     """A bone below one that is scaled along one axis, and turns: its matrix is a shear, which a
     bone of its own cannot have.
     """
-    data = bpy.data.armatures.new("rig")
-    rig = placed("rig", data)
-    bpy.context.view_layer.objects.active = rig
-    bpy.ops.object.mode_set(mode="EDIT")
-    root = data.edit_bones.new("root")
-    tip = data.edit_bones.new("tip")
-    root.tail, tip.head, tip.tail, tip.parent = (0, 0, 1), (0, 0, 1), (0, 0, 2), root
-    bpy.ops.object.mode_set(mode="OBJECT")
+    bones = {"root": ((0, 0, 0), (0, 0, 1), None), "tip": ((0, 0, 1), (0, 0, 2), "root")}
+    rig = armature_of("rig", bones)
     rig.pose.bones["root"].scale = (1.0, 1.03, 1.0)
     tip = rig.pose.bones["tip"]
     tip.rotation_mode = "XYZ"

@@ -8,7 +8,7 @@ from crowd_lod_extension.operators.blender.provenance import source_digest
 from crowd_lod_extension.operators.lods.source_mesh import object_digest, read_source
 from crowd_lod_extension.operators.scene.characters.group_measuring import measure_groups
 
-from ..support.characters import character, new, rig, skin, tube
+from ..support.characters import character, new, rig, rigged, skin, tube
 from ..support.objects import placed
 from ..support.rigs import keyed
 
@@ -70,9 +70,7 @@ def test_what_moves_a_character_is_its_action_and_in_its_sphere(by, expected):
 
 
 def test_an_action_of_its_own_goes_before_what_it_follows():
-    body = new("body", tube("body", 8, 8))
-    armature = rig()
-    skin(body, armature)
+    body, armature = rigged("body", 8, 8)
     armature.parent = new("turntable", None)
     keyed(armature.parent, "location", (3, 0, 0), 250)
     assert action_range([body]) == (1, 10)

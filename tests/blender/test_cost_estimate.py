@@ -19,6 +19,7 @@ from crowd_lod_extension.operators.scene.characters import group_measuring, stor
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 from crowd_lod_extension.operators.settings.stored_figures import FULL, BuildCase, costs_of
 
+from ..support.built import instances
 from ..support.scene_frames import frame_now
 
 # long, and the same on every Blender
@@ -29,15 +30,7 @@ def counts_in_render(scene):
     """(agents, their triangles, the triangles of the characters that they show, each once) of the
     evaluated scene.
     """
-    found = []
-    for each in bpy.context.evaluated_depsgraph_get().object_instances:
-        if (
-            each.is_instance
-            and each.object.type == "MESH"
-            and each.parent
-            and shelves.LEVEL in each.parent.original
-        ):
-            found.append(each.object.original)
+    found = [item.original for _, item, _ in instances(scene)]
     instanced, unique = (
         sum(count_triangles(item.data) for item in items) for items in (found, set(found))
     )

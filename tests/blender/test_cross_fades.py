@@ -9,7 +9,7 @@ from crowd_lod_extension.crowd_lod.animation.skinning import pose, skin
 from crowd_lod_extension.crowd_lod.crowd.paces import mixed_in
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.blender import mesh_data, scene_data
+from crowd_lod_extension.operators.blender import mesh_data
 from crowd_lod_extension.operators.blender.named_actions import group_performance, performance_of
 from crowd_lod_extension.operators.build import bake, render_setup
 from crowd_lod_extension.operators.lods import deviation
@@ -19,10 +19,10 @@ from crowd_lod_extension.operators.scene.characters.stored_groups import groups_
 from crowd_lod_extension.operators.scene.scene_crowd import characters_of, read_crowd, trajectory_of
 from crowd_lod_extension.operators.viewport import skinned_characters
 
+from ..support.built import bodies, off, standing
 from ..support.freshness import changed_since_make
 from ..support.scene_frames import frame_now
 from .test_actions import STATES, levelled, name_actions, waiting  # noqa: F401
-from .test_rigs import instances
 
 # long, and the same on every Blender; how near LODs come is no matter
 pytestmark = [pytest.mark.once, pytest.mark.usefixtures("rough_lods")]
@@ -131,24 +131,16 @@ def faders(scene, number):
     return found
 
 
-def off(scene, number):
+def farthest(scene, number):
     """Meters by which what the build shows is off at most, and the steps that agents show."""
     crowd = trajectory_of(scene).at(number)
-    shown = [points for level, points in instances(scene) if level == 0]
+    shown = bodies(scene)
     worst = 0.0
     steps = set()
     for (group, name), (agent, phase) in faders(scene, number).items():
-        angle = crowd.heading[agent] + scene_data.rotation(scene.crowd_lod.forward)
-        c = np.cos(angle)
-        s = np.sin(angle)
         actions, share = actions_in(scene, group, name)
-        points = mixed(scene, group, actions, phase, share) @ np.array(
-            [[c, s, 0], [-s, c, 0], [0, 0, 1]]
-        )
-        points += [crowd.x[agent], crowd.y[agent], crowd.z[agent]]
-        worst = max(
-            worst, min(abs(other - points).max() for other in shown if other.shape == points.shape)
-        )
+        points = standing(scene, crowd, agent, mixed(scene, group, actions, phase, share))
+        worst = max(worst, off(points, shown))
         steps.add(name)
     return worst, steps
 
@@ -161,13 +153,13 @@ def test_live_build_and_bake_show_the_steps_of_cross_fades(fading):
     assert bpy.data.objects["adult rig"].animation_data.action.name == "walk adult"
     for number in (3, 30, 60):
         scene.frame_set(number)
-        worst, steps = off(scene, number)
+        worst, steps = farthest(scene, number)
         assert worst < NEAR
         seen |= steps
     assert len(seen) >= 5  # of six
     finished(bake.bake(scene, [60]))
     scene.frame_set(60)
-    worst, baked = off(scene, 60)
+    worst, baked = farthest(scene, 60)
     assert baked == steps and worst < NEAR
 
 
@@ -245,8 +237,7 @@ def test_what_cannot_be_faded_is_one_sentence(waiting):  # noqa: F811
     waiting.crowd_lod.group_names = "adult"
     name_actions(waiting, waving)
     with pytest.raises(
-        CrowdError,
-        match="move two objects of adult, .*: set the fade between their states to 0",
+        CrowdError, match="move two objects of adult, .*: set the fade between their states to 0"
     ):
         measure_groups(waiting)
 

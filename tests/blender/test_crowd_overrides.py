@@ -8,10 +8,10 @@ import pytest
 from crowd_lod_extension.crowd_lod.sources.changed import Overridden
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 
+from ..support.built import instances
 from ..support.freshness import changed_since_build
 from ..support.overrides import add, cube, frame_at, inside, planned, press, seen_at
 from ..support.scatter import scatter
-from .test_build import instances
 
 
 def test_each_button_edits_the_picked_agent_and_its_entry_can_be_switched_off(levelled):

@@ -22,7 +22,8 @@ from crowd_lod_extension.operators.lods.posed_shapes import PosedMesh
 from crowd_lod_extension.operators.scene.characters import stored_groups
 
 from ..support.bodies import ball
-from ..support.objects import mesh_of, placed
+from ..support.characters import TWO_BONES, armature_of
+from ..support.objects import mesh_of
 
 GROUP = Group("one", 0, 1, 0, 1)
 
@@ -115,18 +116,7 @@ def bending_armature():
 
     At rest at frame 1, bent by 90 degrees at frame 21, at rest at 41.
     """
-    data = bpy.data.armatures.new("rig")
-    rig = placed("rig", data)
-    bpy.context.view_layer.objects.active = rig
-    bpy.ops.object.mode_set(mode="EDIT")
-    lower = data.edit_bones.new("lower")
-    upper = data.edit_bones.new("upper")
-    lower.head = (0, 0, 0)
-    lower.tail = (0, 0, 1)
-    upper.head = (0, 0, 1)
-    upper.tail = (0, 0, 2)
-    upper.parent = lower
-    bpy.ops.object.mode_set(mode="OBJECT")
+    rig = armature_of("rig", TWO_BONES)
     bone = rig.pose.bones["upper"]
     bone.rotation_mode = "XYZ"
     for frame, angle in ((1, 0), (21, np.pi / 2), (41, 0)):

@@ -21,11 +21,7 @@ from crowd_lod_extension.operators.ui import steps
 
 from ..support.characters import character, new, rig, skin, tube
 from ..support.commands import run
-from ..support.freshness import (
-    changed_since_build,
-    changed_since_make,
-    changed_since_populate,
-)
+from ..support.freshness import changed_since_build, changed_since_make, changed_since_populate
 from ..support.objects import collection
 
 pytestmark = pytest.mark.usefixtures("at_once", "rough_lods")

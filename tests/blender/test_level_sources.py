@@ -8,7 +8,7 @@ from crowd_lod_extension.operators.blender import mesh_data
 from crowd_lod_extension.operators.lods import candidates
 from crowd_lod_extension.operators.lods.make_lods import make_levels
 
-from ..support.characters import character, new, rig, skin, tube
+from ..support.characters import character, new, rig, rigged, tube
 from ..support.objects import collection, mesh_of
 
 pytestmark = pytest.mark.usefixtures("rough_lods")
@@ -131,9 +131,7 @@ def test_what_is_hidden_in_renders_and_the_shapes_of_bones_are_left_out():
 
 
 def test_nested_collections_shared_meshes_and_props_on_bones_follow_the_bone():
-    armature = rig()
-    body = new("body", tube("body", 12, 12))
-    skin(body, armature)
+    body, armature = rigged("body", 12, 12)
     left, right = (
         new(name, bpy.data.meshes.get("club") or tube("club", 12, 8, 0.05, 0.5))
         for name in ("left", "right")
@@ -166,9 +164,7 @@ def test_nested_collections_shared_meshes_and_props_on_bones_follow_the_bone():
 @pytest.mark.parametrize("mode", ["EDIT", "POSE"])
 def test_modes_selection_and_names_stay(mode):
     scene = bpy.context.scene
-    armature = rig()
-    body = new("body", tube("body", 8, 8))
-    skin(body, armature)
+    body, armature = rigged("body", 8, 8)
     character(armature, body)
     active = armature if mode == "POSE" else body
     bpy.context.view_layer.objects.active = active
@@ -192,9 +188,7 @@ def test_modes_selection_and_names_stay(mode):
 @pytest.mark.once
 @pytest.mark.parametrize("override", [False, True])
 def test_characters_linked_from_another_file(tmp_path, override):
-    armature = rig()
-    body = new("body", tube("body", 12, 12))
-    skin(body, armature)
+    body, armature = rigged("body", 12, 12)
     body.modifiers.new("Subdivision", "SUBSURF").render_levels = 1
     character(armature, body, name="linked")
     path = str(tmp_path / "library.blend")

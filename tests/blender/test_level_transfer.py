@@ -12,7 +12,7 @@ from crowd_lod_extension.operators.lods.make_lods import make_levels
 from crowd_lod_extension.operators.lods.source_mesh import read_source
 from mathutils import Matrix, Vector
 
-from ..support.characters import character, new, rig, skin, tube
+from ..support.characters import character, new, rig, rigged, tube
 from ..support.objects import mesh_of
 
 
@@ -180,9 +180,7 @@ def test_a_sleeve_takes_nothing_from_the_arm_in_it():
 
 @pytest.mark.once
 def test_weights_sum_to_one_over_four_bones_at_most_and_other_groups_stay():
-    armature = rig()
-    body = new("body", tube("body"))
-    skin(body, armature)
+    body, armature = rigged("body")
     for number in range(4):  # six bones at each vertex, two of them slight
         name = f"extra {number}"
         body.vertex_groups.new(name=name).add(

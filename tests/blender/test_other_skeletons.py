@@ -7,9 +7,8 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.blender.action_fit import fit_of
 from crowd_lod_extension.operators.blender.named_actions import performance_of
 
-from ..support.characters import character, edited, new, skin, tube
+from ..support.characters import armature_of, character, edited, new, skin, tube
 from ..support.messages import told
-from ..support.objects import placed
 
 # name -> (head, tail, parent): a person who holds out the arms
 BODY = {
@@ -36,13 +35,14 @@ FRAMES = (1, 4, 9, 17, 25)
 
 
 def skeleton(name, bones=BODY, size=1.0, roll=0.0):
-    armature = placed(name, bpy.data.armatures.new(name))
+    sized = {
+        bone: (np.multiply(head, size), np.multiply(tail, size), parent)
+        for bone, (head, tail, parent) in bones.items()
+    }
+    armature = armature_of(name, sized)
     with edited(armature) as edit:
-        for bone, (head, tail, parent) in bones.items():
-            made = edit.new(bone)
-            made.head, made.tail = np.multiply(head, size), np.multiply(tail, size)
-            made.parent = edit[parent] if parent else None
-            made.roll += roll
+        for bone in edit:
+            bone.roll += roll
     return armature
 
 

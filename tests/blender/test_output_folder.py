@@ -165,12 +165,7 @@ def test_scenes_of_a_file_have_a_folder_each(scene, tmp_path):
 
 @pytest.mark.parametrize(
     "text, name",
-    [
-        ("//out", "out"),
-        ("//{blend_name}", "untitled"),
-        ("//../up/x", "__/up/x"),
-        ("//", "."),
-    ],
+    [("//out", "out"), ("//{blend_name}", "untitled"), ("//../up/x", "__/up/x"), ("//", ".")],
 )
 def test_paths_of_an_unsaved_file_stay_in_the_folder_of_the_session(text, name):
     home = full_path(text)

@@ -23,9 +23,7 @@ ROOT = Path(__file__).parents[2]
 
 def test_the_zip_holds_the_extension_and_nothing_else(tmp_path):
     tree = shutil.copytree(
-        ROOT,
-        tmp_path / "tree",
-        ignore=shutil.ignore_patterns(".*", "dist", "wheels", "benchmarks"),
+        ROOT, tmp_path / "tree", ignore=shutil.ignore_patterns(".*", "dist", "wheels", "benchmarks")
     )
     manifest = tree / "blender_manifest.toml"
     lines = manifest.read_text(encoding="utf-8").splitlines(keepends=True)

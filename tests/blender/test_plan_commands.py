@@ -38,11 +38,7 @@ def planned(two_levels, tmp_path, capfd):
 @pytest.mark.once
 @pytest.mark.parametrize(
     "words",
-    [
-        ("preview", "--width", 32),
-        ("verify", "--width", 32, "--samples", 1),
-        ("build", "--bake"),
-    ],
+    [("preview", "--width", 32), ("verify", "--width", 32, "--samples", 1), ("build", "--bake")],
 )
 def test_strict_makes_a_frame_without_the_plan_an_error(few, planned, tmp_path, capfd, words):
     name, *more = words

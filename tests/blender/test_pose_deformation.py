@@ -10,14 +10,12 @@ from crowd_lod_extension.operators.lods.poses import choose_poses, skin_of
 from crowd_lod_extension.operators.lods.source_mesh import read_source
 from crowd_lod_extension.operators.scene.characters.stored_groups import groups_of
 
-from ..support.characters import character, new, rig, skin, tube
+from ..support.characters import character, new, rigged, tube
 from ..support.objects import mesh_of
 
 
 def arm():
-    armature = rig()
-    item = new("arm", tube("arm"))
-    skin(item, armature)
+    item, armature = rigged("arm")
     character(item, armature, name="arm")
     return item
 

@@ -8,15 +8,12 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.blender import scene_cache
 from crowd_lod_extension.operators.scene.characters.characters import all_characters, check_measured
 from crowd_lod_extension.operators.scene.characters.group_measuring import measure_groups
-from crowd_lod_extension.operators.scene.characters.stored_groups import groups_of, store_groups
-from crowd_lod_extension.operators.scene.scene_crowd import (
-    characters_of,
-    policy_of,
-    trajectory_of,
-)
+from crowd_lod_extension.operators.scene.characters.stored_groups import groups_of
+from crowd_lod_extension.operators.scene.scene_crowd import characters_of, policy_of, trajectory_of
 from crowd_lod_extension.operators.scene.sources.crowd_parts import GROUPS
 from mathutils import Matrix
 
+from ..support.built import populated
 from ..support.freshness import changed_since_populate
 from ..support.objects import collection
 from ..support.scatter import scatter
@@ -42,11 +39,6 @@ def ball(name, radius, at, bone, chance=None):
     if chance is not None:
         item["prop"] = chance
     return item
-
-
-def populated(scene):
-    store_groups(scene.crowd_lod, measure_groups(scene))
-    return trajectory_of(scene)
 
 
 def those_with(trajectory, name):

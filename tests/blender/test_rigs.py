@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd.agents import CLASSES
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.blender import image_data, named_actions, scene_data
+from crowd_lod_extension.operators.blender import image_data, named_actions
 from crowd_lod_extension.operators.blender.animation import action_range
 from crowd_lod_extension.operators.blender.evaluation import as_rendered
 from crowd_lod_extension.operators.build import render_setup, rigs, shelves
@@ -16,31 +16,9 @@ from crowd_lod_extension.operators.build.shelves import RIGS, SHELF
 from crowd_lod_extension.operators.lods.make_lods import make_levels
 from crowd_lod_extension.operators.scene.scene_crowd import characters_of, read_crowd, trajectory_of
 
+from ..support.built import bodies, off, standing
 from ..support.rigs import itself
 from ..support.scene_frames import frame_now
-
-
-def instances(scene):
-    """[(LOD, agent, points (v, 3) in the world)] of all that the depsgraph holds of the build."""
-    depsgraph = bpy.context.evaluated_depsgraph_get()
-    agents = []
-    for each in depsgraph.object_instances:
-        if (
-            each.is_instance
-            and shelves.LEVEL in each.parent.original
-            and each.object.type == "MESH"
-        ):
-            mesh = each.object.data
-            points = np.empty((len(mesh.vertices), 3), np.float32)
-            mesh.vertices.foreach_get("co", points.ravel())
-            matrix = np.array(each.matrix_world)
-            agents.append(
-                (
-                    each.parent.original[shelves.LEVEL],
-                    points @ matrix[:3, :3].T + matrix[:3, 3],
-                )
-            )
-    return agents
 
 
 def worst(scene, frame, agents=4):
@@ -52,23 +30,15 @@ def worst(scene, frame, agents=4):
     crowd = plan.crowd
     nearest_agents = plan.buckets[0][:agents]
     assert len(nearest_agents)
-    shown = [points for level, points in instances(scene) if level == 0]
-    off = 0.0
+    shown = bodies(scene)
+    farthest = 0.0
     for agent in nearest_agents:
         rate = trajectory.gaits.rates[crowd.group[agent], crowd.pace[agent]]
         seconds = frame * scene.render.fps_base / scene.render.fps
         phase = (crowd.phase_class[agent] / trajectory.gaits.classes + rate * seconds) % 1.0
-        angle = crowd.heading[agent] + scene_data.rotation(scene.crowd_lod.forward)
-        c = np.cos(angle)
-        s = np.sin(angle)
-        points = itself(scene, crowd.group[agent], phase) @ np.array(
-            [[c, s, 0], [-s, c, 0], [0, 0, 1]]
-        )
-        points += [crowd.x[agent], crowd.y[agent], crowd.z[agent]]
-        off = max(
-            off, min(abs(other - points).max() for other in shown if other.shape == points.shape)
-        )
-    return off
+        points = standing(scene, crowd, agent, itself(scene, crowd.group[agent], phase))
+        farthest = max(farthest, off(points, shown))
+    return farthest
 
 
 def test_agents_show_the_character_at_their_phase(built):

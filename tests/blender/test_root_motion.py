@@ -16,7 +16,7 @@ from crowd_lod_extension.operators.scene.characters.group_measuring import measu
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 from crowd_lod_extension.operators.settings.crowds import first_crowd
 
-from ..support.characters import character, edited, new, rig, skin, tube
+from ..support.characters import character, edited, rigged
 from ..support.freshness import changed_since_populate
 from ..support.messages import sentences, told
 from ..support.objects import filmed_from, placed
@@ -69,9 +69,7 @@ def on_parent():
 
 def walker(name="someone"):
     scene = bpy.context.scene
-    armature = rig()
-    item = new("body", tube("body", 8, 4))
-    skin(item, armature)
+    item, armature = rigged("body", 8, 4)
     bpy.context.scene.collection.objects.link(armature)
     character(item, name=name)
     scene.render.fps = 24

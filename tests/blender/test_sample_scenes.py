@@ -190,9 +190,7 @@ def test_the_plaza_map_agrees_with_its_geometry(made):
 
 
 @pytest.mark.once
-def test_people_of_the_station_stand_on_its_floors_and_keep_out_of_what_is_in_the_way(
-    made,
-):
+def test_people_of_the_station_stand_on_its_floors_and_keep_out_of_what_is_in_the_way(made):
     """Rays from the knees down meet the floor under each foot."""
     scene = made("station")
     settings = scene.crowd_lod

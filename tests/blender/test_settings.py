@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd import state_machine as machines
 from crowd_lod_extension.operators import registration
-from crowd_lod_extension.operators.build import render_setup, shelves
+from crowd_lod_extension.operators.build import render_setup
 from crowd_lod_extension.operators.scene import scene_crowd, stuck_agents
 from crowd_lod_extension.operators.scene.characters import group_measuring, stored_groups
 from crowd_lod_extension.operators.scene.machine import scene_world
@@ -15,6 +15,7 @@ from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 from crowd_lod_extension.operators.settings.crowd_settings import CROWD_NAMES
 from crowd_lod_extension.operators.ui import steps
 
+from ..support.built import instances
 from ..support.messages import told
 from ..support.scene_frames import frame_now
 
@@ -39,16 +40,7 @@ def turns(scene):
     """{agent: (3, 3)} the rotation of each instance's matrix, from the depsgraph, by the point's
     id.
     """
-    found = {}
-    for each in bpy.context.evaluated_depsgraph_get().object_instances:
-        if (
-            each.is_instance
-            and shelves.LEVEL in each.parent.original
-            and each.object.type == "MESH"
-        ):
-            matrix = np.array(each.matrix_world, np.float64)
-            found[tuple(np.round(matrix[:2, 3], 4))] = matrix[:3, :3]
-    return found
+    return {tuple(np.round(matrix[:2, 3], 4)): matrix[:3, :3] for _, _, matrix in instances(scene)}
 
 
 @pytest.mark.once

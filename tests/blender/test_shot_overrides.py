@@ -171,12 +171,7 @@ def test_wrong_overrides_are_named_in_one_sentence_and_change_nothing(
 
 
 def test_an_override_outside_of_the_plan_has_nobody(levelled):
-    add(
-        levelled,
-        select_by="REGION",
-        region=cube((500, 500, -1), (501, 501, 1)),
-        frames=(90, 99),
-    )
+    add(levelled, select_by="REGION", region=cube((500, 500, -1), (501, 501, 1)), frames=(90, 99))
     assert chosen_agents(levelled) == [[]]
 
 

@@ -14,10 +14,7 @@ from crowd_lod_extension.operators.blender.output_folders import full_path
 from crowd_lod_extension.operators.freshness.artifacts import CROWD, reason_of
 from crowd_lod_extension.operators.scene.machine.scene_world import machine_of, world_of
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
-from crowd_lod_extension.operators.scene.simulate_button import (
-    CROWDLOD_OT_simulate,
-    simulate_scene,
-)
+from crowd_lod_extension.operators.scene.simulate_button import CROWDLOD_OT_simulate, simulate_scene
 from crowd_lod_extension.operators.settings.crowds import add_crowd
 from crowd_lod_extension.sample_scenes.characters import make_characters
 

@@ -3,15 +3,13 @@
 import bpy
 import pytest
 
-from ..support.characters import character, new, rig, skin, tube
+from ..support.characters import character, new, rigged, tube
 from ..support.messages import told
 
 
 @pytest.fixture
 def shot(small_shot):
-    armature = rig("Anna")
-    body = new("body", tube("body", 8, 6))
-    skin(body, armature)
+    body, armature = rigged("body", 8, 6, rig_name="Anna")
     character(armature, body, name="Anna")
     bpy.context.view_layer.update()
     return small_shot

@@ -3,15 +3,13 @@
 import bpy
 import pytest
 
-from ..support.characters import character, new, rig, skin, tube
+from ..support.characters import character, new, rig, rigged, skin, tube
 from ..support.messages import told
 
 
 def in_a_cache(scene, folder):
     """An Alembic file of a tube that bends, as crowd tools write them."""
-    armature = rig("Anna")
-    body = new("body", tube("body", 8, 6))
-    skin(body, armature)
+    body, armature = rigged("body", 8, 6, rig_name="Anna")
     for item in (armature, body):
         scene.collection.objects.link(item)
     path = str(folder / "walk.abc")

@@ -16,7 +16,7 @@ from crowd_lod_extension.operators.scene.characters.group_measuring import measu
 from crowd_lod_extension.operators.scene.characters.stored_groups import store_groups
 from crowd_lod_extension.operators.scene.scene_crowd import characters_of, read_crowd, trajectory_of
 
-from ..support.characters import character, new, rig, skin, tube
+from ..support.characters import character, new, rigged, tube
 from ..support.objects import placed
 
 pytestmark = pytest.mark.usefixtures("rough_lods")
@@ -38,10 +38,7 @@ def bare(scene):
 
 
 def person(name="body"):
-    armature = rig(f"{name} rig")
-    body = new(name, tube(name, 12, 8))
-    skin(body, armature)
-    return armature, body
+    return rigged(name, 12, 8, rig_name=f"{name} rig")[::-1]
 
 
 def two_armatures():

@@ -12,7 +12,8 @@ from crowd_lod_extension.operators.lods.posed_surface import PosedSurface, compa
 from crowd_lod_extension.operators.lods.visible_surface import visible_points
 
 from ..support.bodies import ball
-from ..support.objects import mesh_of, placed
+from ..support.characters import armature_of
+from ..support.objects import mesh_of
 
 pytestmark = pytest.mark.once
 GROUP = Group("one", 0, 1, 0, 1)
@@ -156,17 +157,11 @@ def test_a_body_counts_where_its_shirt_ends():
 
 def rig(bones):
     """An armature along z whose bones bend one after the other, each alone."""
-    armature = placed("rig", bpy.data.armatures.new("rig"))
-    bpy.context.view_layer.objects.active = armature
-    bpy.ops.object.mode_set(mode="EDIT")
-    parent = None
-    for number in range(bones):
-        bone = armature.data.edit_bones.new(f"bone {number}")
-        bone.head = (0, 0, number / bones)
-        bone.tail = (0, 0, (number + 1) / bones)
-        bone.parent = parent
-        parent = bone
-    bpy.ops.object.mode_set(mode="OBJECT")
+    ends = [(0, 0, number / bones) for number in range(bones + 1)]
+    above = {
+        f"bone {k}": (ends[k], ends[k + 1], f"bone {k - 1}" if k else None) for k in range(bones)
+    }
+    armature = armature_of("rig", above)
     for number, bone in enumerate(armature.pose.bones):
         bone.rotation_mode = "XYZ"
         for frame, angle in (

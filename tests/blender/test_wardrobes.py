@@ -7,7 +7,6 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.messages import from_json
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.shot.shot_cost import work_in
-from crowd_lod_extension.operators.blender import scene_data
 from crowd_lod_extension.operators.blender.colors import BY_AGENT, Looks
 from crowd_lod_extension.operators.blender.materials import switch_nodes_on
 from crowd_lod_extension.operators.blender.mesh_data import read_points
@@ -16,18 +15,16 @@ from crowd_lod_extension.operators.build.shelves import points_of
 from crowd_lod_extension.operators.lods.make_lods import make_levels
 from crowd_lod_extension.operators.plan.shot_plan import PlanRequest, plan_shot, write_levels
 from crowd_lod_extension.operators.scene.characters.characters import all_characters
-from crowd_lod_extension.operators.scene.characters.group_measuring import measure_groups
-from crowd_lod_extension.operators.scene.characters.stored_groups import store_groups
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 from crowd_lod_extension.operators.viewport.draw_data import by_material
 from crowd_lod_extension.operators.viewport.skinned_characters import SkinnedCharacter
 
+from ..support.built import bodies, off, populated, standing
 from ..support.rigs import itself
 from ..support.scatter import scatter
 from ..support.scene_frames import frame_now
 from .test_points_source import crowd_of
 from .test_props import ball
-from .test_rigs import instances
 
 PARTS = ["adult", "adult + cap", "adult + crown", "adult + bob", "child"]
 
@@ -43,11 +40,6 @@ def slot(name, *items, **properties):
     for key, value in properties.items():
         home[key] = value
     return home
-
-
-def populated(scene):
-    store_groups(scene.crowd_lod, measure_groups(scene))
-    return trajectory_of(scene)
 
 
 @pytest.fixture
@@ -195,19 +187,14 @@ def test_plan_build_and_bake_show_each_part_where_its_wearer_is(dressed, tmp_pat
     built = read_points(points_of(scene.crowd_lod.build)["LOD", 0].data)
     assert set(built["row"]) == set(agents.tolist())
     assert (built["id"] == trajectory.wearer[built["row"]]).all()
-    visible = [points for level, points in instances(scene) if level == 0]
+    visible = bodies(scene)
     assert len(visible) == len(agents) > len(frame.without_worn(frame.buckets).order)
     for g in range(5):
         agent = agents[crowd.group[agents] == g][0]
         rate = trajectory.gaits.rates[g, crowd.pace[agent]]
         phase = (crowd.phase_class[agent] / trajectory.gaits.classes + rate * 50 / 24) % 1.0
-        angle = crowd.heading[agent] + scene_data.rotation(scene.crowd_lod.forward)
-        c = np.cos(angle)
-        s = np.sin(angle)
-        points = itself(scene, g, phase) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
-        points += [crowd.x[agent], crowd.y[agent], crowd.z[agent]]
-        same = [other for other in visible if other.shape == points.shape]
-        assert min(abs(other - points).max() for other in same) < 2e-4
+        points = standing(scene, crowd, agent, itself(scene, g, phase))
+        assert off(points, visible) < 2e-4
 
 
 def test_make_slot_takes_what_is_selected_or_changes_nothing(scene):

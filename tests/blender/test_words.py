@@ -61,10 +61,7 @@ def test_the_sidebar_keeps_its_answers_while_a_step_is_at_work(levelled, monkeyp
         context.setattr(work, "_at_work", ["a step"])
         levelled.crowd_lod.characters.children[0].name = "renamed"
         levelled.crowd_lod.ratios[1] = 0.2
-        assert answers == (
-            steps.next_operator(levelled),
-            steps.messages(levelled),
-        )
+        assert answers == (steps.next_operator(levelled), steps.messages(levelled))
     assert steps.next_operator(levelled) == "crowd_lod.populate" != answers[0]
     assert steps.messages(levelled) != answers[1]
 

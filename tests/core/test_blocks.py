@@ -212,8 +212,7 @@ def test_agents_of_mixed_groups_at_nan_and_beyond_the_map():
     y[7] = np.inf
     x[:3] = (-70, 90, -0.0)
     odd = replace(
-        trajectory,
-        start=replace(start, x=x, y=y, z=z, group=random.permutation(start.group)),
+        trajectory, start=replace(start, x=x, y=y, z=z, group=random.permutation(start.group))
     )
     policy = LevelPolicy((0.3, 0.6))
     for time in (1, 1.5, 2, 17, 30):

@@ -3,12 +3,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.culling.radar import (
-    BLOCK,
-    RadarOptions,
-    lost,
-    radar,
-)
+from crowd_lod_extension.crowd_lod.culling.radar import BLOCK, RadarOptions, lost, radar
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import find_visible, scatter, sees
 
 from ..support.cameras import ONE, straight

@@ -186,11 +186,7 @@ def test_of_two_overrides_the_later_one_holds():
     assert Grid(override_survey(shot.survey, [hide, pin])).kind[0].tolist() == [SEEN, SEEN, CULLED]
     assert Grid(override_survey(some_shot(0, agents=3, seen=1.0).survey, [pin, hide])).kind[
         0
-    ].tolist() == [
-        SEEN,
-        CULLED,
-        CULLED,
-    ]
+    ].tolist() == [SEEN, CULLED, CULLED]
 
 
 def test_overrides_hold_at_every_tolerance_and_for_a_part_of_the_agents():

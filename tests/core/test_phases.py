@@ -9,12 +9,7 @@ from crowd_lod_extension.crowd_lod.animation.phase_classes import Cast, first_bl
 from crowd_lod_extension.crowd_lod.crowd.agents import CLASSES
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.shot import coloring
-from crowd_lod_extension.crowd_lod.shot.coloring import (
-    changes_of,
-    plan_phases,
-    recast,
-    strides_of,
-)
+from crowd_lod_extension.crowd_lod.shot.coloring import changes_of, plan_phases, recast, strides_of
 from crowd_lod_extension.crowd_lod.shot.phases import NEAREST, Meetings, Phases, palette
 from crowd_lod_extension.crowd_lod.shot.recording import MEET_EVERY, close_pairs
 from crowd_lod_extension.crowd_lod.shot.survey import SEEN

@@ -277,11 +277,7 @@ def test_what_no_frame_shows_is_not_needed():
     Grid(survey).kind[:] = CULLED
     assert [
         each.partition(":")[0] for each in unneeded(shot, np.zeros_like(shown), ["adult", "child"])
-    ] == [
-        "adult",
-        "child",
-        "30 of 30 agents",
-    ]
+    ] == ["adult", "child", "30 of 30 agents"]
 
 
 def test_by_distance_hysteresis_is_not_told():

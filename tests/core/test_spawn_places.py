@@ -114,10 +114,7 @@ def test_the_same_seed_gives_the_same_places_to_the_bit():
         other = way(8)
         assert one.points.tobytes() == two.points.tobytes() != other.points.tobytes()
         sums[name] = hashlib.sha256(one.points.tobytes()).hexdigest()[:12]
-    assert sums == {
-        "surface": "f0533275b9f6",
-        "image": "3b3ff9a2cc1d",
-    }
+    assert sums == {"surface": "f0533275b9f6", "image": "3b3ff9a2cc1d"}
 
 
 @pytest.mark.parametrize(("count", "apart"), [(100, 0.0), (97, 0.0), (1, 0.0), (5, 2.0)])

@@ -49,19 +49,34 @@ def tube(
     return mesh
 
 
+# name: head, tail, and the bone that it hangs on
+TWO_BONES = {"lower": ((0, 0, 0), (0, 0, 1), None), "upper": ((0, 0, 1), (0, 0, 2), "lower")}
+
+
+def armature_of(name: str, bones: dict) -> bpy.types.Object:
+    """An armature in the scene, of bones as TWO_BONES has them."""
+    armature = placed(name, bpy.data.armatures.new(name))
+    with edited(armature) as edit:
+        for bone, (head, tail, parent) in bones.items():
+            own = edit.new(bone)
+            own.head, own.tail = head, tail
+            own.parent = edit[parent] if parent else None
+    return armature
+
+
+def rigged(name: str, *sizes, rig_name="rig", **more) -> tuple[bpy.types.Object, bpy.types.Object]:
+    """A tube of these sizes, and the rig that bends it."""
+    armature = rig(rig_name)
+    item = new(name, tube(name, *sizes, **more))
+    skin(item, armature)
+    return item, armature
+
+
 def rig(name: str = "rig") -> bpy.types.Object:
     """An armature with a lower and an upper bone; the upper one bends forward from frame 1 to
     10.
     """
-    armature = placed(name, bpy.data.armatures.new(name))
-    bpy.context.view_layer.objects.active = armature
-    bpy.ops.object.mode_set(mode="EDIT")
-    for bone, low, high in (("lower", 0, 1), ("upper", 1, 2)):
-        edit = armature.data.edit_bones.new(bone)
-        edit.head = (0, 0, low)
-        edit.tail = (0, 0, high)
-    armature.data.edit_bones["upper"].parent = armature.data.edit_bones["lower"]
-    bpy.ops.object.mode_set(mode="OBJECT")
+    armature = armature_of(name, TWO_BONES)
     bone = armature.pose.bones["upper"]
     bone.rotation_mode = "XYZ"
     for frame, angle in ((1, 0.0), (10, 1.0)):
