@@ -1,6 +1,7 @@
 """Every test starts in an empty file with the extension registered."""
 
 import shutil
+from contextlib import contextmanager
 
 import bpy
 import crowd_lod_extension
@@ -32,11 +33,19 @@ def at_once(monkeypatch):
     monkeypatch.setattr(sidebar_answers, "LOOK", 0.0)
 
 
+@contextmanager
+def _rough():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(decimate, "ROUNDS", (1, 1))
+        patch.setattr(decimate, "RESAMPLINGS", 0)
+        yield
+
+
 @pytest.fixture
-def rough_lods(monkeypatch):
+def rough_lods():
     """LODs are moved nearer to their characters once, which takes half of the time otherwise."""
-    monkeypatch.setattr(decimate, "ROUNDS", (1, 1))
-    monkeypatch.setattr(decimate, "RESAMPLINGS", 0)
+    with _rough():
+        yield
 
 
 @pytest.fixture
@@ -202,7 +211,8 @@ def _level(scene):
     from crowd_lod_extension.operators.scene.characters.stored_groups import store_groups
 
     store_groups(scene.crowd_lod, measure_groups(scene))
-    list(make_levels(scene))
+    with _rough():  # whichever test is the first to ask for them
+        list(make_levels(scene))
 
 
 def _build(scene):
