@@ -3,7 +3,6 @@ named.
 """
 
 import gzip
-import sqlite3
 import zipfile
 
 import numpy as np
@@ -13,7 +12,7 @@ from crowd_lod_extension.crowd_lod.progress import run_in_thread
 from crowd_lod_extension.crowd_lod.tracks import reading, text
 from crowd_lod_extension.crowd_lod.tracks.reading import read_rows, read_tracks
 
-from .test_tracks_reading import database
+from .test_tracks_reading import change, database
 
 CSV = "id,frame,x,y\n1,0,0.25,0.5\n1,1,0.5,0.5\n"
 
@@ -226,13 +225,9 @@ def test_an_npz_of_other_files_is_one_sentence(tmp_path):
 def test_ids_of_a_database_are_exact_or_refused(tmp_path):
     path = tmp_path / "crowd.sqlite"
     database(path, columns="frame INTEGER, id, pos_x REAL, pos_y REAL")
-    with sqlite3.connect(path) as made:
-        made.execute("UPDATE trajectory_data SET id = ? WHERE id = 416", [2**53 + 1])
-    made.close()
+    change(path, "UPDATE trajectory_data SET id = ? WHERE id = 416", 2**53 + 1)
     assert read_rows(path).id.max() == 2**53 + 1
-    with sqlite3.connect(path) as made:
-        made.execute("UPDATE trajectory_data SET id = 1.5 WHERE id = 346")
-    made.close()
+    change(path, "UPDATE trajectory_data SET id = 1.5 WHERE id = 346")
     with pytest.raises(CrowdError, match="crowd.sqlite has the id 1.5: give agents whole numbers"):
         read_rows(path)
 
@@ -241,9 +236,7 @@ def test_a_database_that_tells_no_rate_or_a_huge_version_is_read_or_refused_at_o
     path = tmp_path / "crowd.sqlite"
     database(path, fps="")
     assert read_rows(path).rate == 0
-    with sqlite3.connect(path) as made:
-        made.execute("UPDATE metadata SET value = ? WHERE key = 'version'", ["3" * 2**20])
-    made.close()
+    change(path, "UPDATE metadata SET value = ? WHERE key = 'version'", "3" * 2**20)
     with pytest.raises(CrowdError, match="crowd.sqlite is not one of JuPedSim's, or damaged"):
         read_rows(path)
 
@@ -260,10 +253,8 @@ def test_a_view_without_an_end_is_refused_and_reading_ends_when_nobody_waits(tmp
     reading_aside = run_in_thread(lambda: [read_rows(path) for _ in range(10_000)])
     next(reading_aside)
     reading_aside.close()
-    with sqlite3.connect(path) as made:
-        made.execute("DROP TABLE trajectory_data")
-        made.execute(f"CREATE VIEW trajectory_data AS {ENDLESS}")
-    made.close()
+    change(path, "DROP TABLE trajectory_data")
+    change(path, f"CREATE VIEW trajectory_data AS {ENDLESS}")
     with pytest.raises(CrowdError, match="trajectory_data is a view: write its rows to a table"):
         read_rows(path)
 

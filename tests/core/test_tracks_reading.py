@@ -59,6 +59,13 @@ def database(
     connection.close()
 
 
+def change(path, statement, *values):
+    """Change what a database holds."""
+    with sqlite3.connect(path) as made:
+        made.execute(statement, values)
+    made.close()
+
+
 def table(path, found, titles, split=",", **more):
     with path.open("w", newline="") as file:
         csv.writer(file, delimiter=split, **more).writerows([titles, *found])
@@ -194,9 +201,7 @@ def test_a_bad_file_is_named_in_one_sentence(tmp_path, fault):
 
 def test_other_databases_are_named(tmp_path):
     path = tmp_path / "other.sqlite"
-    with sqlite3.connect(path) as made:
-        made.execute("CREATE TABLE notes(a)")
-    made.close()
+    change(path, "CREATE TABLE notes(a)")
     with pytest.raises(
         CrowdError, match="other.sqlite is not one of JuPedSim's.*no such table: trajectory_data"
     ):
@@ -243,9 +248,7 @@ def test_a_database_is_read_with_its_journal_and_by_its_values(tmp_path):
     path = tmp_path / "texts.sqlite"
     database(path, columns="frame INTEGER, id INTEGER, pos_x TEXT, pos_y REAL")
     assert read_rows(path).x.tolist() == rows.x.tolist()
-    with sqlite3.connect(path) as made:
-        made.execute("UPDATE trajectory_data SET pos_y = NULL WHERE rowid = 3")
-    made.close()
+    change(path, "UPDATE trajectory_data SET pos_y = NULL WHERE rowid = 3")
     with pytest.raises(CrowdError, match="Row 3 of .*texts.sqlite has y nan"):
         read_rows(path)
 
