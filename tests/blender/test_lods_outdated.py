@@ -18,7 +18,7 @@ from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 from crowd_lod_extension.operators.ui import steps
 from mathutils import Matrix
 
-from ..support.freshness import changed_since_build
+from ..support.freshness import changed_since_build, changed_since_make
 
 # long, and the same on every Blender
 pytestmark = [pytest.mark.once, pytest.mark.usefixtures("rough_lods")]
@@ -39,6 +39,10 @@ def test_lods_that_lack_what_the_settings_ask_for_are_to_be_made_again(by_tolera
     scene = by_tolerance
     settings = scene.crowd_lod
     assert not told_of(scene) and steps.next_operator(scene) != "crowd_lod.make_levels"
+    scene.render.resolution_percentage = 50
+    width, height = scene.render.resolution_x, scene.render.resolution_y
+    sizes = f"(was {width} x {height}, now {width // 2} x {height // 2})"
+    assert f"resolution {sizes}" in changed_since_make(scene)
     settings.choice = "BY_DISTANCE"
     settings.level_count = 6
     assert (
@@ -97,6 +101,13 @@ def test_lods_of_characters_that_were_edited_are_to_be_made_again_and_those_that
     assert not told_of(scene)
     mesh.modifiers.new("Thicker", "SOLIDIFY")
     assert told_of(scene)
+
+
+def test_lods_of_a_character_that_is_called_otherwise_say_so(levelled):
+    before = [group.name for group in levelled.crowd_lod.groups]
+    levelled.crowd_lod.groups[0].name = "elder"
+    told = changed_since_make(levelled)
+    assert f"character groups (was {before[0]}, now elder)" in told
 
 
 def test_a_proof_is_known_to_the_sidebar_at_once(levelled):
