@@ -16,6 +16,8 @@ from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.lods.make_lods import make_levels
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 
+from ..support.objects import lamp
+
 FRAMES = (27, 12, 20)
 FARM = """
 import sys, bpy
@@ -51,8 +53,7 @@ def pictures(folder, name):
 )
 def test_a_farm_renders_the_pictures_of_the_live_build(built, tmp_path, engine, blur, stretch):
     render = built.render
-    sun = bpy.data.objects.new("Sun", bpy.data.lights.new("Sun", "SUN"))
-    built.collection.objects.link(sun)
+    lamp("SUN")
     render.film_transparent = True
     render.image_settings.color_mode = "RGBA"
     render.engine = engine

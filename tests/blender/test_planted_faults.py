@@ -13,7 +13,8 @@ from crowd_lod_extension.operators.blender import mesh_data
 from crowd_lod_extension.operators.blender.materials import switch_nodes_on
 from crowd_lod_extension.operators.build.shelves import BucketKind, points_of, shelves_of
 from crowd_lod_extension.operators.cli import commands
-from crowd_lod_extension.sample_scenes.scenery import add, material, tile
+
+from ..support.objects import ground, lamp
 
 pytestmark = pytest.mark.once  # long, and the same on every Blender
 FINER = -1  # LODs of coarser characters have other colors
@@ -27,9 +28,8 @@ def baked(saved_once, request):
 
 
 def _bake(scene):
-    ground = material("Ground", (0.5, 0.5, 0.5))
-    add(scene.collection, "Ground", [(tile(-60, -40, 60, 80), ground)])
-    _lamp("Sun", (0.4, 0.9, 0.2), 3)
+    ground(-60, -40, 60, 80)
+    lamp("SUN", turn=(0.4, 0.9, 0.2), energy=3)
     scene.world = bpy.data.worlds.new("Sky")
     sky = next(node for node in switch_nodes_on(scene.world).nodes if node.type == "BACKGROUND")
     sky.inputs["Color"].default_value = (0.3, 0.35, 0.4, 1)
@@ -40,13 +40,6 @@ def _bake(scene):
     settings.tolerance = 1.0
     scene.frame_end = 2
     assert bpy.ops.crowd_lod.bake() == {"FINISHED"}
-
-
-def _lamp(name, turn, energy):
-    sun = bpy.data.objects.new(name, bpy.data.lights.new(name, "SUN"))
-    sun.rotation_euler = turn
-    sun.data.energy = energy
-    bpy.context.scene.collection.objects.link(sun)
 
 
 def proved(scene, folder, frames="1"):
@@ -133,7 +126,7 @@ def shadows_of_those_outside(scene):
 
 
 def those_before_the_sky_deleted(scene):
-    scene.objects["Sun"].hide_render = True
+    scene.objects["SUN"].hide_render = True
     shadows_of_those_outside(scene)
 
 

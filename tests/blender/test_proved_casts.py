@@ -7,6 +7,7 @@ from crowd_lod_extension.crowd_lod.validation.render_proof import verdict
 from crowd_lod_extension.operators.deliver.proof.verify import verify
 from crowd_lod_extension.operators.deliver.proof.verify_stage import Verify
 
+from ..support.objects import lamp
 from .test_shot_overrides import add, seen_at
 from .test_wardrobes import dressed  # noqa: F401
 
@@ -15,9 +16,7 @@ FINER = -1  # LODs of coarser characters have other colors
 
 
 def lit(scene):
-    sun = bpy.data.objects.new("Sun", bpy.data.lights.new("Sun", "SUN"))
-    sun.rotation_euler.x = 0.6
-    scene.collection.objects.link(sun)
+    lamp("SUN", turn=(0.6, 0, 0))
     scene.render.engine = "CYCLES"
     scene.render.resolution_x, scene.render.resolution_y = 320, 180
     scene.frame_end = 2

@@ -16,6 +16,7 @@ from crowd_lod_extension.operators.deliver.proof.verify_stage import PAIRS, Veri
 from crowd_lod_extension.sample_scenes.scenery import add, material, tile
 
 from ..support.commands import run
+from ..support.objects import collection, ground, lamp
 
 pytestmark = pytest.mark.once  # long, and the same on every Blender
 FINER = -1  # LODs of coarser characters have other colors
@@ -31,27 +32,14 @@ def lit(two_levels):
 
 def light(scene):
     """The small crowd on a ground, a low sun and a lamp beside the picture, a mirror in it."""
-    add(
-        scene.collection,
-        "Ground",
-        [(tile(-30, -40, 30, 50), material("Ground", (0.5, 0.5, 0.5)))],
-    )
-    for kind, place, turn, energy in (
-        ("SUN", (0, 0, 9), (0, 1.2, 0.2), 3),
-        ("POINT", (9, -12, 3), (0, 0, 0), 3000),
-    ):
-        data = bpy.data.lights.new(kind, kind)
-        data.energy = energy
-        item = bpy.data.objects.new(kind, data)
-        item.location = place
-        item.rotation_euler = turn
-        scene.collection.objects.link(item)
+    ground(-30, -40, 30, 50)
+    lamp("SUN", (0, 0, 9), (0, 1.2, 0.2), energy=3)
+    lamp("POINT", (9, -12, 3), energy=3000)
     silver = material("Silver", (0.9, 0.9, 0.9), 0.0)
     next(node for node in silver.node_tree.nodes if node.type == "BSDF_PRINCIPLED").inputs[
         "Metallic"
     ].default_value = 1
-    home = bpy.data.collections.new("Mirrors")
-    scene.collection.children.link(home)
+    home = collection("Mirrors")
     pane = add(home, "Pane", [(tile(-4, 0, 4, 5), silver)])
     pane.location = (4, -3, 0)
     pane.rotation_euler = (pi / 2, 0, -0.5)
@@ -159,8 +147,8 @@ def test_displacement_is_no_false_alarm(lit, tmp_path, method):
 def test_a_fixed_margin_of_nothing_is_found_out(lit, tmp_path):
     lit.crowd_lod.margin_kind = "FIXED"
     lit.crowd_lod.margin = 0
-    for lamp in ("SUN", "POINT"):
-        lit.objects[lamp].data.use_shadow = False
+    for name in ("SUN", "POINT"):
+        lit.objects[name].data.use_shadow = False
     lit.camera.data.lens = 80
     assert not rendered(lit, tmp_path / "out")["ok"]
 
