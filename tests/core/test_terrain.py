@@ -186,6 +186,12 @@ def test_where_agents_start_the_height_of_the_crowd_chooses_the_floor():
     assert terrain.at(x, y, np.array([0.0, 0.0, 3.8])).tolist() == [0, 0, 4]
 
 
+@pytest.mark.parametrize("z", [-10.0, 0.0, 100.0])
+def test_a_step_may_be_as_high_as_the_terrain_wherever_that_lies(z):
+    walk = shot(walking(), heights=Terrain(two_floors() + (0, 0, z), z))
+    assert walk.velocity(2, 9).steps == pytest.approx(4)
+
+
 def test_nobody_starts_within_stairs():
     terrain = Terrain(two_floors(stairs=True))
     # steps at 1, 1.6 and 3.4 meters
