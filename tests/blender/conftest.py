@@ -174,13 +174,13 @@ def by_tolerance(saved_once, request):
     """The small crowd of one group, with rough LODs by tolerance."""
 
     def make():
-        request.getfixturevalue("rough_lods")
         settings = request.getfixturevalue("scene").crowd_lod
         settings.characters.children.unlink(settings.characters.children["child"])
         settings.choice = "BY_TOLERANCE"
         settings.tolerance = 1.0
         settings.frames = "1:20"
-        assert bpy.ops.crowd_lod.populate() == bpy.ops.crowd_lod.make_levels() == {"FINISHED"}
+        with _rough():
+            assert bpy.ops.crowd_lod.populate() == bpy.ops.crowd_lod.make_levels() == {"FINISHED"}
 
     return saved_once("by tolerance", make)
 

@@ -25,7 +25,7 @@ from crowd_lod_extension.operators.deliver.accuracy.ways import (
 from crowd_lod_extension.operators.deliver.proof.verify import prepare_crowd
 from crowd_lod_extension.operators.scene.scene_crowd import policy_of
 
-from ..support.commands import run
+from ..support.commands import quietly, run
 
 
 @pytest.fixture
@@ -156,10 +156,10 @@ def test_the_folder_is_named_after_the_file(levelled, tmp_path, monkeypatch, cap
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "small.blend"), copy=True)
     (tmp_path / "small_error").write_text("a file")
     monkeypatch.chdir(tmp_path)
-    assert run("report", "error", "small.blend", "--quiet") == 1
+    assert quietly("report", "error", "small.blend") == 1
     assert "small_error" in capfd.readouterr().err
     (tmp_path / "small_error").unlink()
-    assert run("report", "error", "small.blend", "--quiet") == 1
+    assert quietly("report", "error", "small.blend") == 1
     assert "no active camera" in capfd.readouterr().err
 
 

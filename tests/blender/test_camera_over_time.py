@@ -7,6 +7,7 @@ from crowd_lod_extension.crowd_lod.culling.radar import radar
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import standing_crowd
 from crowd_lod_extension.operators.blender import cameras, mesh_data
+from crowd_lod_extension.operators.freshness.parts import camera_motion
 from crowd_lod_extension.operators.scene.characters.character_extent import (
     bounds,
     frames_of,
@@ -98,3 +99,13 @@ def test_handlers_of_ours_move_no_camera(scene):  # noqa: F811
         assert not cameras.stands_still(scene.camera)
     finally:
         bpy.app.handlers.frame_change_post.remove(test_handlers_of_ours_move_no_camera)
+
+
+def test_cuts_are_the_same_in_whatever_order_their_markers_were_made(scene):  # noqa: F811
+    motions = []
+    for frames in ((2, 5), (5, 2), (2, 6)):
+        for frame in frames:
+            scene.timeline_markers.new("cut", frame=frame).camera = scene.camera
+        motions.append(camera_motion(scene))
+        scene.timeline_markers.clear()
+    assert motions[0] == motions[1] != motions[2]

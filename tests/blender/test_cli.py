@@ -132,18 +132,27 @@ def test_preview_leaves_the_open_scene_as_it_was(two_levels, tmp_path):
     from crowd_lod_extension.operators.build.render_setup import build
     from crowd_lod_extension.operators.deliver.preview.preview import Preview, preview
 
-    list(build(read_crowd(two_levels)))
-    two_levels.frame_set(7)
-    state = lambda: (  # noqa: E731
-        set(bpy.data.user_map()), two_levels.frame_current, two_levels.render.engine, two_levels.render.filepath, two_levels.camera,
-        two_levels.render.resolution_x, two_levels.crowd_lod.build, two_levels.crowd_lod.levels, [len(o.data.vertices) for o in two_levels.crowd_lod.build.objects],
-    )  # fmt: skip
+    scene = two_levels
+    list(build(read_crowd(scene)))
+    scene.frame_set(7)
+    settings = scene.crowd_lod
+
+    def state():
+        render = scene.render
+        return (
+            set(bpy.data.user_map()),
+            (scene.frame_current, scene.camera),
+            (render.engine, render.filepath, render.resolution_x),
+            (settings.build, settings.levels),
+            [len(item.data.vertices) for item in settings.build.objects],
+        )
+
     before = state()
-    list(preview(two_levels, Preview([1], tmp_path / "out", 160, color="ERROR"), []))
+    list(preview(scene, Preview([1], tmp_path / "out", 160, color="ERROR"), []))
     assert state() == before
     _, near_green, blue = shares(tmp_path / "out" / "main_0001.png")
     assert near_green > 0.001 and blue < 0.0005  # as LODs far agents would be blue
-    steps = preview(two_levels, Preview([1, 30], tmp_path / "esc", 160), [])
+    steps = preview(scene, Preview([1, 30], tmp_path / "esc", 160), [])
     next(steps)
     next(steps)
     steps.close()

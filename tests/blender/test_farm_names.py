@@ -9,7 +9,7 @@ from pathlib import Path
 import bpy
 import pytest
 
-from ..support.commands import run
+from ..support.commands import quietly, run
 
 pytestmark = pytest.mark.once
 OPENJD = Path(sys.executable).with_name("openjd")
@@ -82,7 +82,7 @@ def test_frames_below_zero_are_one_word_of_each_command(one_level, tmp_path):
         "--part=-1,0",
     ]
     for part in parts:
-        assert run(*part, "--quiet") == 0
-    assert run("assemble", tmp_path / "job", "--quiet") == 0
+        assert quietly(*part) == 0
+    assert quietly("assemble", tmp_path / "job") == 0
     pictures = {picture.name for picture in (tmp_path / "job").glob("main_*.png")}
     assert pictures == {"main_-003.png", "main_-002.png", "main_-001.png", "main_0000.png"}

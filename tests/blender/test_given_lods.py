@@ -69,17 +69,18 @@ def seen_from(scene, meters):
     return settings
 
 
-def by_tolerance(scene):
-    """Make LODs by tolerance; return (triangles, bound) of each LOD of the first group."""
-    scene.crowd_lod.choice = "BY_TOLERANCE"
-    return made(scene)
-
-
-def made(scene):
+def make_lods(scene):
+    """Make LODs; return (triangles, bound) of each LOD of the first group."""
     settings = scene.crowd_lod
     bpy.ops.crowd_lod.make_levels()
     group = settings.groups[0]
     return [(group.triangles[k], group.bounds[k]) for k in range(len(settings.levels.children))]
+
+
+def by_tolerance(scene):
+    """The same by tolerance."""
+    scene.crowd_lod.choice = "BY_TOLERANCE"
+    return make_lods(scene)
 
 
 def meshes_of(scene, k):
@@ -113,7 +114,7 @@ def test_lods_on_rigs_of_their_own_are_measured_on_the_characters():
     person(scene, "Man_LOD1", 1, other)
     take_all(scene)
     scene.crowd_lod.level_count = 2
-    triangles, bound = made(scene)[1]
+    triangles, bound = make_lods(scene)[1]
     assert triangles == 640 and 0 < bound < 0.05
     (item,) = scene.crowd_lod.levels.children[1].all_objects
     assert item.modifiers["Armature"].object.name == "rig"
@@ -131,7 +132,7 @@ def test_lods_side_by_side_are_measured_where_the_character_stands():
         ("Tree", 0),
     ]
     scene.crowd_lod.level_count = 2
-    assert made(scene)[1] == (640, pytest.approx(0.005, abs=0.005))
+    assert make_lods(scene)[1] == (640, pytest.approx(0.005, abs=0.005))
 
 
 @pytest.mark.parametrize("below", [False, True])

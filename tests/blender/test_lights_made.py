@@ -19,7 +19,7 @@ from .test_lights import lit, read  # noqa: F401
 PLACES = [(9.0, -12.0, 3.0), (13.0, -12.0, 3.0)]
 
 
-def instancer(scene, kind="NONE"):
+def instancer(kind="NONE"):
     """A mesh of two vertices, or of two faces about them, at PLACES."""
     mesh = bpy.data.meshes.new("places")
     if kind == "FACES":
@@ -36,7 +36,7 @@ def instancer(scene, kind="NONE"):
 
 def by_vertices(scene, kind="VERTS"):
     point = lamp("POINT", (0, 0, 0), energy=3000)
-    point.parent = instancer(scene, kind)
+    point.parent = instancer(kind)
 
 
 def by_faces(scene):
@@ -46,7 +46,7 @@ def by_faces(scene):
 def by_nodes(scene):
     point = lamp("POINT", (0, 0, -90), energy=3000)
     tree, given, on_points, info, out = geometry_nodes(
-        instancer(scene), "GeometryNodeInstanceOnPoints", "GeometryNodeObjectInfo"
+        instancer(), "GeometryNodeInstanceOnPoints", "GeometryNodeObjectInfo"
     )
     link = tree.links.new
     info.inputs["Object"].default_value = point
@@ -74,7 +74,7 @@ def by_material(scene):
 
 def by_instances_of_a_mesh(scene):
     kinds = "GeometryNodeInstanceOnPoints", "GeometryNodeMeshIcoSphere", "GeometryNodeSetMaterial"
-    tree, given, on_points, ball, dye, out = geometry_nodes(instancer(scene), *kinds)
+    tree, given, on_points, ball, dye, out = geometry_nodes(instancer(), *kinds)
     link = tree.links.new
     ball.inputs["Radius"].default_value = 0.2
     dye.inputs["Material"].default_value = glow()

@@ -19,6 +19,7 @@ from crowd_lod_extension.operators.scene.characters import stored_groups
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 from mathutils import Vector
 
+from ..support.objects import collection
 from ..support.scene_frames import frame_now
 
 pytestmark = pytest.mark.usefixtures("rough_lods")
@@ -31,10 +32,9 @@ def tolerant(scene):
     people = scene.crowd_lod.characters
     people.children.unlink(people.children["child"])
     bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=4)
-    rocks = bpy.data.collections.new("rock")
-    rocks.objects.link(bpy.context.object)
-    scene.collection.objects.unlink(bpy.context.object)
-    people.children.link(rocks)
+    rock = bpy.context.object
+    scene.collection.objects.unlink(rock)
+    collection("rock", rock, within=people)
     scene.crowd_lod.choice = "BY_TOLERANCE"
     scene.crowd_lod.tolerance = 1.0
     scene.crowd_lod.frames = "1:20"

@@ -4,15 +4,8 @@ import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import provenance
 from crowd_lod_extension.operators.build import render_setup
-from crowd_lod_extension.operators.freshness.artifacts import (
-    PROOF,
-    ProofResult,
-    note_build,
-    note_proof,
-    proof_parts,
-    reasons,
-)
-from crowd_lod_extension.operators.freshness.parts import build_parts, camera_motion
+from crowd_lod_extension.operators.freshness.artifacts import note_build
+from crowd_lod_extension.operators.freshness.parts import build_parts
 from crowd_lod_extension.operators.lods.make_lods import make_levels
 from crowd_lod_extension.operators.scene.scene_crowd import read_crowd
 from crowd_lod_extension.operators.ui import steps
@@ -108,20 +101,3 @@ def test_lods_of_a_character_that_is_called_otherwise_say_so(levelled):
     levelled.crowd_lod.groups[0].name = "elder"
     told = changed_since_make(levelled)
     assert f"character groups (was {before[0]}, now elder)" in told
-
-
-def test_a_proof_is_known_to_the_sidebar_at_once(levelled):
-    for ok, told in ((False, "the last proof failed"), (True, None)):
-        assert PROOF.operator in reasons(levelled)
-        note_proof(levelled, ProofResult("Seen.", ok, proof_parts(levelled)))
-        assert reasons(levelled).get(PROOF.operator) == told
-
-
-def test_cuts_are_the_same_in_whatever_order_their_markers_were_made(levelled):
-    motions = []
-    for frames in ((2, 5), (5, 2), (2, 6)):
-        for frame in frames:
-            levelled.timeline_markers.new("cut", frame=frame).camera = levelled.camera
-        motions.append(camera_motion(levelled))
-        levelled.timeline_markers.clear()
-    assert motions[0] == motions[1] != motions[2]

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.operators.scene.scene_crowd import trajectory_of
 
-from ..support.commands import run
+from ..support.commands import quietly
 from ..support.scatter import scatter
 from ..support.scene_frames import frame_at
 from .test_points_source import bare, crowd_of, instances_of
@@ -51,7 +51,7 @@ def test_record_of_points_at_the_height_of_heads_stays_there(scene):
 
 
 def test_record_of_a_count_that_changes_without_ids_is_refused_and_all_stays(scene, tmp_path):
-    item = bare(scene, 40)
+    item = bare(40)
     crowd_of(scene, item)
     item.modifiers.new("Part", "BUILD").frame_duration = 5
     scene.frame_end = 4
@@ -121,7 +121,7 @@ def test_points_are_recorded_once_for_all_that_a_bake_needs(scene, tmp_path):
             "--out",
             str(tmp_path / "baked.blend"),
         ]
-        assert run(*words, "--quiet") == 0
+        assert quietly(*words) == 0
     finally:
         bpy.app.handlers.frame_change_post.remove(note)
     # LODs by tolerance, the estimate and the bake each follow a record; none looks at frame 6

@@ -91,11 +91,11 @@ def test_named_attributes_give_group_heading_and_phase(scene):
     away = np.abs((trajectory.phase(trajectory.start, 500) - phase + 0.5) % 1 - 0.5)
     assert away.max() <= 1 / 32 + 1e-6
     names = np.array([group.name for group in trajectory.groups])
-    named = crowd_of(scene, bare(scene, 3, [("group", "STRING", names[[1, 0, 1]])]))
+    named = crowd_of(scene, bare(3, [("group", "STRING", names[[1, 0, 1]])]))
     assert named.start.group.tolist() == [1, 0, 1]
 
 
-def bare(scene, count=3, attributes=()):
+def bare(count=3, attributes=()):
     """A mesh of points without nodes, which would drop texts."""
     item = scatter(count, attributes=attributes)
     item.modifiers.clear()
@@ -104,7 +104,7 @@ def bare(scene, count=3, attributes=()):
 
 def test_direction_of_velocity_is_the_heading(scene):
     trajectory = crowd_of(
-        scene, bare(scene, 3, [("velocity", "FLOAT_VECTOR", [(1, 0, 0), (0, 1, 0), (-1, 0, 5)])])
+        scene, bare(3, [("velocity", "FLOAT_VECTOR", [(1, 0, 0), (0, 1, 0), (-1, 0, 5)])])
     )
     np.testing.assert_allclose(
         np.cos(trajectory.start.heading - np.array([np.pi / 2, np.pi, -np.pi / 2])), 1, atol=1e-6
@@ -204,27 +204,27 @@ def test_an_instancer_of_a_usd_file_gives_groups_and_leaves_out_who_is_invisible
 
 BAD = [
     ("has none: choose one", lambda scene: None),
-    ("has no points, instances or particles", lambda scene: bare(scene, 0)),
+    ("has no points, instances or particles", lambda scene: bare(0)),
     ("kind that has no points", lambda scene: scene.camera),
     ("Point 1 .* has x nan", lambda scene: _broken(scene)),
-    ("share the id -5", lambda scene: bare(scene, 3, [("id", "INT", [1, -5, -5])])),
+    ("share the id -5", lambda scene: bare(3, [("id", "INT", [1, -5, -5])])),
     (
         "attribute heading .* not a number",
-        lambda scene: bare(scene, 3, [("heading", "FLOAT_VECTOR", np.zeros(9))]),
+        lambda scene: bare(3, [("heading", "FLOAT_VECTOR", np.zeros(9))]),
     ),
     (
         "Point 2 .* has the group 2: the crowd has 2",
-        lambda scene: bare(scene, 3, [("group", "INT", [0, 1, 2])]),
+        lambda scene: bare(3, [("group", "INT", [0, 1, 2])]),
     ),
     (
         "Point 1 .* has the proto_index 8: the crowd has 2 groups",
-        lambda scene: bare(scene, 2, [("proto_index", "INT", [1, 8])]),
+        lambda scene: bare(2, [("proto_index", "INT", [1, 8])]),
     ),
     (
         "name a group elephant: the crowd has",
-        lambda scene: bare(scene, 1, [("group", "STRING", ["elephant"])]),
+        lambda scene: bare(1, [("group", "STRING", ["elephant"])]),
     ),
-    ("Point 0 .* has phase nan", lambda scene: bare(scene, 1, [("phase", "FLOAT", [np.inf])])),
+    ("Point 0 .* has phase nan", lambda scene: bare(1, [("phase", "FLOAT", [np.inf])])),
     ("lie up to 1e\\+0?9 m", lambda scene: _far(scene)),
     ("is disabled", lambda scene: _disabled(scene)),
     ("in no collection", lambda scene: _nowhere(scene)),
@@ -232,13 +232,13 @@ BAD = [
 
 
 def _broken(scene):
-    item = bare(scene, 3)
+    item = bare(3)
     item.data.vertices[1].co.y = np.nan  # the object is turned
     return item
 
 
 def _far(scene):
-    item = bare(scene, 3)
+    item = bare(3)
     item.location.x = 1e9
     return item
 

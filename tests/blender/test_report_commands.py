@@ -8,7 +8,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.validation import stiff_cases
 from crowd_lod_extension.crowd_lod.validation.extreme_cases import cases
 
-from ..support.commands import run
+from ..support.commands import quietly, run
 
 
 @pytest.mark.once
@@ -36,7 +36,7 @@ def test_extremes_are_a_table_of_errors_within_their_bounds(capfd):
 def test_a_bound_that_is_exceeded_is_told_by_the_exit_code(monkeypatch, capfd):
     case = stiff_cases.cases()[0]
     monkeypatch.setattr(stiff_cases, "cases", lambda: [replace(case, bound=-1.0)])
-    assert run("report", "extremes", "--most", "10", "--quiet") == 1
+    assert quietly("report", "extremes", "--most", "10") == 1
     out = capfd.readouterr().out
     assert out.count("WRONG") == 1 and case.name in out
 
@@ -47,7 +47,7 @@ def test_bad_input_is_one_sentence(scene, tmp_path, capfd):
     scene.camera = None
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "bad.blend"))
     capfd.readouterr()
-    assert run("report", "error", tmp_path / "bad.blend", "--out", tmp_path / "out", "--quiet") == 1
+    assert quietly("report", "error", tmp_path / "bad.blend", "--out", tmp_path / "out") == 1
     said = capfd.readouterr()
     assert (
         "no active camera" in said.err

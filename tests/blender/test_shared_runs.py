@@ -9,7 +9,7 @@ from crowd_lod_extension.crowd_lod.shot import plan_file
 from crowd_lod_extension.operators.cli import commands, shared_runs
 from crowd_lod_extension.operators.deliver.preview import preview
 
-from ..support.commands import run
+from ..support.commands import quietly, run
 from ..support.outputs import contents
 
 pytestmark = pytest.mark.once  # long, and the same on every Blender
@@ -43,7 +43,7 @@ def test_chunks_are_assembled_to_the_files_of_one_run(two_levels, tmp_path, capf
             assert run("assemble", tmp_path / "two") == 1
             assert f"Frame {chunks[1]} is not in" in capfd.readouterr().err
     assert os.listdir(tmp_path / "two") == ["parts"]
-    assert run("assemble", tmp_path / "two", "--quiet") == 0
+    assert quietly("assemble", tmp_path / "two") == 0
     assert contents(tmp_path / "two") == contents(tmp_path / "one")
     (tmp_path / "two" / "parts").mkdir()  # as a run leaves it that is killed while it removes them
     assert run("assemble", tmp_path / "two") == 0
@@ -59,7 +59,7 @@ def test_parts_of_a_scene_that_was_changed_since_are_not_assembled(file, tmp_pat
     bpy.ops.wm.open_mainfile(filepath=str(file))
     bpy.context.scene.camera.location.x += 1  # neither crowd nor LODs know of it
     bpy.ops.wm.save_as_mainfile(filepath=str(file))
-    assert run("assemble", out, "--quiet") == 1
+    assert quietly("assemble", out) == 1
     assert "of another state of the scene" in capfd.readouterr().err
     assert os.listdir(out) == ["parts"] and contents(out / "parts") == before
 
@@ -162,7 +162,7 @@ def test_a_damaged_run_starts_nothing_but_preview_and_verify(file, tmp_path, cap
         path.write_text(json.dumps({**told, "command": ["crowd-lod", *words]}))
         before = contents(out)
         capfd.readouterr()
-        assert run("assemble", out, "--quiet") == 1
+        assert quietly("assemble", out) == 1
         said = capfd.readouterr()
         assert said.err.startswith("crowd-lod: ") and said.err.count("\n") == 1 and not said.out
         assert "is damaged" in said.err or words == ["preview"]

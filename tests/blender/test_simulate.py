@@ -20,7 +20,7 @@ from crowd_lod_extension.sample_scenes.characters import make_characters
 
 from ..support.cameras import straight
 from ..support.coarse_characters import CAGE
-from ..support.commands import run
+from ..support.commands import quietly, run
 from ..support.crowds import walker
 from ..support.objects import box, collection, mesh_of, placed
 
@@ -429,7 +429,7 @@ def test_command_writes_a_scene_that_follows_the_trajectories_beside_it(hall, tm
         *("simulate", str(tmp_path / "hall.blend"), "--seconds", "2", "--agents", "40"),
         *("--out", str(out / "walked.blend")),
     ]
-    assert run(*words, "--quiet") == 0
+    assert quietly(*words) == 0
     bpy.ops.wm.open_mainfile(filepath=str(out / "walked.blend"))
     crowd = bpy.context.scene.crowd_lod.crowds[0]
     assert crowd.source == "SIMULATION"

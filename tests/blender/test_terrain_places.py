@@ -27,7 +27,7 @@ SIT = (
 )
 
 
-def add(scene, name, points, faces=(), edges=()):
+def add(name, points, faces=(), edges=()):
     return placed(name, mesh_of(name, points, faces, edges))
 
 
@@ -64,7 +64,7 @@ def waves(scene, size=40, count=41):
         for r in range(count - 1)
         for c in range(count - 1)
     ]
-    return add(scene, "Waves", points, faces)
+    return add("Waves", points, faces)
 
 
 def sitting(scene):
@@ -244,9 +244,7 @@ def test_places_are_on_the_surface_where_it_is_dense(scene):
 
 def test_an_images_gray_is_the_density(scene):
     settings = scene.crowd_lod
-    item = add(
-        scene, "Tile", [(-20, -20, 0), (20, -20, 0), (20, 20, 0), (-20, 20, 0)], [(0, 1, 2, 3)]
-    )
+    item = add("Tile", [(-20, -20, 0), (20, -20, 0), (20, 20, 0), (-20, 20, 0)], [(0, 1, 2, 3)])
     item.data.uv_layers.new().uv.foreach_set("vector", [0, 0, 1, 0, 1, 1, 0, 1])
     image = bpy.data.images.new("Gray", 8, 4)
     pixels = np.ones((4, 8, 4), np.float32)
@@ -290,7 +288,7 @@ def test_who_spawns_on_an_object_faces_another(scene):
     sitting(scene)
     settings = scene.crowd_lod
     settings.spawn_on = "POINTS"
-    settings.spawn_object = add(scene, "Seats", [(4, 0, 1), (0, 4, 1), (-4, 0, 1)])
+    settings.spawn_object = add("Seats", [(4, 0, 1), (0, 4, 1), (-4, 0, 1)])
     settings.face = stage = bpy.data.objects.new("Stage", None)
     scene.collection.objects.link(stage)
     for x in (0.0, 40.0):
@@ -308,7 +306,7 @@ def test_who_spawns_on_an_object_faces_another(scene):
 
 def test_instances_give_places_and_headings(scene):
     sitting(scene)
-    parent = add(scene, "Seats", [(0, 0, 1), (60, 0, 2), (0, 70, 3)])
+    parent = add("Seats", [(0, 0, 1), (60, 0, 2), (0, 70, 3)])
     chair = box("Chair", (0, 0, 0), (0.1, 0.1, 0.1))
     chair.parent = parent
     parent.instance_type = "VERTS"
@@ -343,7 +341,7 @@ def rows_around(scene):
     settings = scene.crowd_lod
     settings.machine = None
     settings.spawn_on = "CURVES"
-    settings.spawn_object = add(scene, "Ring", places.tolist(), (), edges)
+    settings.spawn_object = add("Ring", places.tolist(), (), edges)
     settings.count = 240
     settings.rows = 12
     settings.size = (60, 60)
@@ -391,10 +389,10 @@ def nan(scene):
 
 
 WRONG = {
-    "no terrain faces": (lambda s: setattr(s.crowd_lod, "terrain_object", add(s, "Bare", [(0, 0, 0)])), "The terrain Bare has no face"),
+    "no terrain faces": (lambda s: setattr(s.crowd_lod, "terrain_object", add("Bare", [(0, 0, 0)])), "The terrain Bare has no face"),
     "an empty collection": (lambda s: setattr(s.crowd_lod, "terrain", bpy.data.collections.new("None")), "The terrain None has no face"),
     "a wall": (
-        lambda s: setattr(s.crowd_lod, "terrain_object", add(s, "Wall", [(0, 0, 0), (1, 0, 0), (1, 0, 1)], [(0, 1, 2)])),
+        lambda s: setattr(s.crowd_lod, "terrain_object", add("Wall", [(0, 0, 0), (1, 0, 0), (1, 0, 1)], [(0, 1, 2)])),
         "no face that one can stand on",
     ),
     "terrain at nan": (lambda s: setattr(s.crowd_lod, "terrain_object", nan(s)), "Waves.001 has 1 "

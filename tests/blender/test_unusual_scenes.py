@@ -38,7 +38,8 @@ def bare(scene):
 
 
 def person(name="body"):
-    return rigged(name, 12, 8, rig_name=f"{name} rig")[::-1]
+    body, armature = rigged(name, 12, 8, rig_name=f"{name} rig")
+    return armature, body
 
 
 def two_armatures():

@@ -16,7 +16,7 @@ from crowd_lod_extension.operators.deliver.update_all import (
 from crowd_lod_extension.operators.ui import steps
 
 from ..support.characters import character, new, rig, skin, tube
-from ..support.commands import run
+from ..support.commands import quietly, run
 
 MAKE = "Make LOD Meshes"
 PLAN = "Plan Shot"
@@ -145,7 +145,7 @@ def test_the_command_updates_a_file_and_leaves_one_that_is_up_to_date(shot, tmp_
     assert again["done"] == {} and "visible" in again["verdict"]
     assert again["verdict"] in again["summary"]
     assert path.read_bytes() == saved
-    assert run("update", "plaza", "--quiet") == 1
+    assert quietly("update", "plaza") == 1
     assert "write one by the command sample" in capfd.readouterr().err
 
 

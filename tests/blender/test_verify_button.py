@@ -9,6 +9,13 @@ import bpy
 import pytest
 from crowd_lod_extension.crowd_lod.validation.render_proof import verdict, worst_frame
 from crowd_lod_extension.operators.deliver.open_report import REPORTS, report_path
+from crowd_lod_extension.operators.freshness.artifacts import (
+    PROOF,
+    ProofResult,
+    note_proof,
+    proof_parts,
+    reasons,
+)
 
 from ..support.objects import ground, lamp
 from ..support.pages import Reader
@@ -106,3 +113,10 @@ def test_open_report_shows_that_of_its_step_in_the_browser(which, tmp_path):
         and " " not in address
         and unquote(address).endswith(f"/a b#é%/{path.relative_to(folder)}")
     )
+
+
+def test_a_proof_is_known_to_the_sidebar_at_once(levelled):
+    for ok, told in ((False, "the last proof failed"), (True, None)):
+        assert PROOF.operator in reasons(levelled)
+        note_proof(levelled, ProofResult("Seen.", ok, proof_parts(levelled)))
+        assert reasons(levelled).get(PROOF.operator) == told
